@@ -233,7 +233,9 @@ def _examined(record, hypotheses, labels):
         # Counts that jump, stick or are cut off make delays and sizes that are none.
         counts = [*counts_findings(signals, Signals(repeats_bridged(record, lost)))]
         noisy = (signals.noise > signals.least_count).any()
-        spoiled = noisy or any(finding.check in _SPOILED and not finding.ok for finding in counts)
+        # Without a reference, torques in another unit make counts that seem to stick.
+        spoils = _SPOILED if signals.reference is not None else _SPOILED[:-1]
+        spoiled = noisy or any(finding.check in spoils and not finding.ok for finding in counts)
         table = (*(SWITCHES if spoiled else TABLE), *hypotheses)
         result = ranked_causes(record, lost, table, labels, SPOILED if spoiled else SELECTION)
     causes = list(cause_findings(result))
@@ -278,7 +280,7 @@ def late_counts(record) -> Floats:
     return late
 
 
-_SPOILED = "jumps", "stuck encoder", "clipped counts", "glitches"
+_SPOILED = "jumps", "clipped counts", "glitches", "stuck encoder"
 
 
 def ranked_causes(record, lost, table, labels, settings=SELECTION) -> Ranking[Experiment]:

@@ -69,6 +69,8 @@ def _measured(cause, before, after, i):
         if before.torques_of_law is not None:
             return abs(_law_slope(before, i)), "of the law's"
         return _rotor_inertias(before, i), "rotor inertias"
+    if cause.check in ("units of counts", "quantisation step") and cause.size in (1.0, -1.0):
+        return abs(before.record.rig.drive.gear[i]) if "motor" in cause.name else None, ""
     if cause.check == "viscous friction":
         return before.motions[i].viscous, "N m s/rad of the motor"
     return cause.size, cause.unit

@@ -132,6 +132,8 @@ def _turned(record, pulses, joints, angles):
 
 def turned_counts(record: Any, joints: Joints, size: float) -> Any:
     """Change the sign of counts."""
+    # Without a reference, counts of the wrong sign look like a torque of the wrong sign.
+    _needs_reference(record)
     angles = _mapped(record, "position")
     return with_counts(record, _turned(record, record.counts, joints, angles))
 
@@ -232,6 +234,9 @@ def scaled_both(factor: Callable[[Any], Any] | None = None) -> Callable[..., Any
 
     def undo(record, joints, size):
         factors = _factors(record, joints, size if factor is None else factor(record.rig))
+        # The motor's angle may have the direction of the motor, or that of the joint.
+        if factor is not None and size < 0:
+            factors = factors * np.sign(record.rig.drive.gear)
         counts, reference = record.counts / factors, record.reference_pulses / factors
         # Multiples of a step become whole again; anything else is rounded as counts are.
         quantised = record.rig.encoder.quantised
@@ -412,6 +417,22 @@ DELAYS = (-2.0, -1.0, -0.5, 0.5, 1.0, 2.0, 3.0, 5.0, 8.0)
 
 TORQUE_DELAYS = (-1.0, -0.5, 0.5, 1.0, 2.0, 4.0, 8.0)
 """The same of torques, which no cause makes early by much."""
+
+
+def delay_sizes(sizes: tuple[float, ...]) -> Callable[..., tuple[float, ...]]:
+    """Delays that are tried: those that torque and motion alone can show, where no law helps."""
+
+    def tried(experiment, joints):
+        if experiment.torques_of_law is not None or experiment.signals.torque is None:
+            return sizes
+        # Torque is held between samples, drives take time, and feedback has noise.
+        return tuple(size for size in sizes if size > _UNSEEN)
+
+    return tried
+
+
+# Samples of delay that torque and motion alone do not show.
+_UNSEEN = 2.5
 
 
 # -- evidence of other kinds -----------------------------------------------------------------------
@@ -648,20 +669,21 @@ def _rows() -> Iterator[Hypothesis[Any]]:
     )
     gears = lambda rig: np.abs(rig.drive.gear)  # noqa: E731
     both = {
-        "counts in degrees, not radians": lambda rig: 180 / np.pi,
-        "counts in turns, not radians": lambda rig: 1 / (2 * np.pi),
-        "angles of the motor": gears,
-        "angles of the joint": lambda rig: 1 / gears(rig),
-        "resolution four times too high": lambda rig: 4.0,
-        "resolution four times too low": lambda rig: 0.25,
+        "in degrees, not in radians": ("units of counts", lambda rig: 180 / np.pi),
+        "in turns, not in radians": ("units of counts", lambda rig: 1 / (2 * np.pi)),
+        "angles of the motor": ("quantisation step", gears),
+        "angles of the joint": ("units of torque", lambda rig: 1 / gears(rig)),
+        "of a resolution four times as high": ("quantisation step", lambda rig: 4.0),
+        "of a resolution a quarter as high": ("quantisation step", lambda rig: 0.25),
     }
-    for name, factor in both.items():
+    for name, (check, factor) in both.items():
         yield Hypothesis(
-            name=name,
-            check="scale of counts",
+            name=f"counts {name}",
+            check=check,
             sentence=f"Counts and reference may be {name}",
             remedy="Correct resolution, gear or unit.",
             undo=scaled_both(factor),
+            sizes=(1.0, -1.0) if "motor" in name else (1.0,),
             against=8.0,
         )
     yield Hypothesis(
@@ -754,7 +776,7 @@ def _rows() -> Iterator[Hypothesis[Any]]:
             evidence=delay_evidence,
             scored=True,
             scope=scope,
-            sizes=DELAYS,
+            sizes=delay_sizes(DELAYS),
             tolerance=2.0,
             unit="samples",
         )
@@ -765,7 +787,7 @@ def _rows() -> Iterator[Hypothesis[Any]]:
             remedy="Shift them.",
             undo=torques_in_time,
             scope=scope,
-            sizes=TORQUE_DELAYS,
+            sizes=delay_sizes(TORQUE_DELAYS),
             tolerance=2.0,
             unit="samples",
         )
@@ -858,8 +880,9 @@ class Trials:
 
     def _scored(self, experiment, hypothesis, joints, changed):
         """The likeliest size, and how much more likely the log is without a mistake of that size."""
-        fixed = isinstance(hypothesis.sizes, tuple)
-        sizes = hypothesis.sizes if fixed else hypothesis.sizes(experiment, joints)
+        sizes = hypothesis.sizes
+        if callable(sizes):
+            sizes = sizes(experiment, joints)
         if not sizes:
             return []
 
@@ -872,7 +895,8 @@ class Trials:
         tolerance = hypothesis.tolerance
         if tolerance is None or most <= hypothesis.against:
             return [(size, most)]
-        if fixed:
+        grid_of_sizes = len(sizes) > 1
+        if grid_of_sizes:
             ends = sizes[max(best - 1, 0)], sizes[min(best + 1, len(sizes) - 1)]
             options = {"xatol": 1e-3 * tolerance, "maxiter": 14}
             result = optimize.minimize_scalar(
@@ -881,9 +905,9 @@ class Trials:
             if -result.fun > most:
                 size, most = float(result.x), -float(result.fun)
         # Occam: a size that the log determines well was unlikely to be just that.
-        step = 0.02 * tolerance * (1.0 if fixed else size)
+        step = 0.02 * tolerance * (1.0 if grid_of_sizes else size)
         curvature = (2 * most - gain(size + step) - gain(size - step)) / step**2
-        tolerance *= 1.0 if fixed else size
+        tolerance *= 1.0 if grid_of_sizes else size
         return [(size, most - np.log1p(tolerance**2 * max(curvature, 0.0)) / 2)]
 
 
@@ -894,6 +918,8 @@ def _column_names(experiment, joints):
     names = {
         name: signals.column(name, joint) for name in ("torque", "counts", "reference", "error")
     }
+    if signals.reference is None:
+        names["torque"] += ", of the counts or of the gear"
     # The convention that is not stated.
     if experiment.record.rig.encoder.rounding == "fix":
         return names | {"cell": "no wide cell", "rounding": '"floor"'}
