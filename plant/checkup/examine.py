@@ -239,6 +239,16 @@ def _examined(record, hypotheses, labels):
         table = (*(SWITCHES if spoiled else TABLE), *hypotheses)
         result = ranked_causes(record, lost, table, labels, SPOILED if spoiled else SELECTION)
     causes = list(cause_findings(result))
+    if causes:
+        bridged = Signals(all_bridged(record, lost))
+        causes = _worded(
+            causes,
+            [
+                *time_findings(signals),
+                *count_unit_findings(signals),
+                *rounding_findings(bridged),
+            ],
+        )
     caused = {(cause.check, cause.joint) for cause in causes}
 
     # What a correction mends is a fault of its own; all else is seen in the corrected log.
@@ -267,6 +277,12 @@ def _examined(record, hypotheses, labels):
     return [*mended, *data, *rest, *after], result
 
 
+def _worded(causes, findings):
+    """Findings of causes in the words of the check that measures the same, where there is one."""
+    measured = {(finding.check, finding.joint): finding for finding in findings if not finding.ok}
+    return [measured.get((cause.check, cause.joint), cause) for cause in causes]
+
+
 # Causes of a torque's size: a coarse encoder, or a torque that is cut off, looks like one.
 _LATER = "units of torque", "viscous friction"
 
@@ -293,7 +309,8 @@ def ranked_causes(record, lost, table, labels, settings=SELECTION) -> Ranking[Ex
     # Rows are bridged for the evidence only: the record keeps what was logged.
     records = [record]
     for cause, hypothesis in zip(result.causes, result.accepted, strict=False):
-        if cause.certain:
+        # A parameter of the model is no fault of the record.
+        if cause.certain and not hypothesis.parameter:
             records.append(hypothesis.undo(records[-1], cause.joints, cause.size))
     failed = tuple(f"{name}: {reason}" for name, reason in trials.failed.items())
     return Ranking(result.causes, tuple(map(Experiment, records)), failed)

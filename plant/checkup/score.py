@@ -57,7 +57,7 @@ class ScoreSettings:
         Share of the RMS speed below which a joint may stick, so that its friction is unknown.
     """
 
-    rows: int = 1500
+    rows: int = 800
     per_window: int = 7
     dependent: float = 7.0
     tracking: float = 3e-2

@@ -239,8 +239,10 @@ def scaled_both(factor: Callable[[Any], Any] | None = None) -> Callable[..., Any
             factors = factors * np.sign(record.rig.drive.gear)
         counts, reference = record.counts / factors, record.reference_pulses / factors
         # Multiples of a step become whole again; anything else is rounded as counts are.
-        quantised = record.rig.encoder.quantised
-        reference, counts = np.round(reference), quantised(counts + 0.5 * _SLACK)
+        nearest = np.round(counts)
+        rounded = record.rig.encoder.quantised(counts)
+        counts = np.where(np.abs(counts - nearest) < _SLACK, nearest, rounded)
+        reference = np.round(reference)
         return replace(
             record, reference=None, reference_pulses=reference, error_pulses=reference - counts
         )
@@ -248,7 +250,7 @@ def scaled_both(factor: Callable[[Any], Any] | None = None) -> Callable[..., Any
     return undo
 
 
-# A multiple of a step, divided by it, may lie this far below a whole number [counts].
+# A multiple of a step, divided by it, may lie this far from a whole number [counts].
 _SLACK = 1e-3
 
 
@@ -662,7 +664,7 @@ def _rows() -> Iterator[Hypothesis[Any]]:
     yield Hypothesis(
         name="torque without gravity",
         check="units of torque",
-        sentence="Gravity is taken out of the torque",
+        sentence="The torque is one of which gravity is taken out",
         remedy="Log the torque with gravity; some drivers take it out by default.",
         undo=with_gravity,
         against=20.0,
@@ -918,6 +920,9 @@ def _column_names(experiment, joints):
     names = {
         name: signals.column(name, joint) for name in ("torque", "counts", "reference", "error")
     }
+    # The sign of the gear decides which direction of the joint a current drives.
+    if experiment.record.torque is None:
+        names["torque"] += ", or of the gear"
     if signals.reference is None:
         names["torque"] += ", of the counts or of the gear"
     # The convention that is not stated.

@@ -37,29 +37,34 @@ def turned(record, what, joint):
     )
 
 
-def advice(record, check, joint):
-    return next(
-        f.advice
-        for f in record.check().findings
-        if f.check == check and f.joint == joint and not f.ok
-    )
+def cause(record):
+    """Name and joints of the first cause, and its remedy."""
+    first = record.check().causes[0]
+    return first.name, first.joints, first.remedy
 
 
 @pytest.mark.parametrize("joint", [0, 1])
-def test_the_turned_column_is_named(record, joint):
-    k = joint + 1
-    said = advice(turned(record, "torque", joint), "drive sign", joint)
-    assert f"change the sign of column 'u{k}' (torque)." in said
-    said = advice(turned(record, "counts", joint), "gear sign", joint)
-    assert f"against the torque: change the sign of column 'c{k}' (counts), or of the gear." in said
-    said = advice(turned(record, "reference", joint), "gear sign", joint)
-    assert f"along with the torque: change the sign of column 'r{k}' (reference_pulses)." in said
+@pytest.mark.parametrize(
+    ("what", "column"),
+    [
+        ("torque", "column 'u{}' (torque)"),
+        ("counts", "column 'c{}' (counts)"),
+        ("reference", "column 'r{}' (reference_pulses)"),
+    ],
+)
+def test_the_turned_column_is_named(record, joint, what, column):
+    name, joints, remedy = cause(turned(record, what, joint))
+    assert (name, joints) == (f"turned {what}", (joint,))
+    assert column.format(joint + 1) in remedy
+
+
+def test_an_error_of_the_other_sign_is_named(record):
     error = dataclasses.replace(
         record, error_pulses=-record.error_pulses, columns={"error_pulses": ("e1", "e2")}
     )
-    assert f"change the sign of column 'e{k}' (error_pulses) (reference minus counted)." in advice(
-        error, "drive sign", joint
-    )
+    name, joints, remedy = cause(error)
+    assert (name, joints) == ("turned error of all joints", ())
+    assert "column 'e1' (error_pulses)" in remedy
 
 
 @pytest.fixture(scope="module", params=["P", "PID"])
@@ -98,33 +103,35 @@ def read(table, measured="p", rig=RIG, turned=()):
     )
 
 
-def test_advice_names_what_the_correction_that_was_tried_has_changed(table):
-    """A torque's sign alone lets the motion explain no more: no share is told."""
-    for turned in (("i",), ("p", "r")):
-        record = read(table, turned=turned)
-        (found,) = record.check().problems
-        assert found.advice.endswith(
-            "change the sign of column 'i2' (current), or of the gear. Corrected so, fewer checks"
-            " find something."
-        )
-        np.testing.assert_array_equal(record.check().record.current, record.current * (1, -1))
-    (found,) = read(table, turned="p").check().problems
-    assert (
-        "change the sign of column 'p2' (position), or of the gear. Corrected so," in found.advice
-    )
-    np.testing.assert_array_equal(read(table, turned="p").check().record.counts, table[0]["c"])
+@pytest.mark.parametrize("spoiled", [("i",), ("p", "r")])
+def test_a_current_of_the_other_sign_is_turned_back(table, spoiled):
+    """A motion that is turned as a whole is that of a motor with the other sign of its current."""
+    record = read(table, turned=spoiled)
+    checkup = record.check()
+    (cause,) = checkup.causes
+    assert (cause.name, cause.joints) == ("turned torque", (1,))
+    assert "column 'i2' (current)" in cause.remedy
+    np.testing.assert_array_equal(checkup.corrected.current, record.current * (1, -1))
 
 
-def test_a_gear_that_was_stated_with_the_wrong_sign_is_the_one_advice_and_is_turned(table):
+def test_positions_of_the_other_sign_are_turned_back(table):
+    checkup = read(table, turned="p").check()
+    (cause,) = checkup.causes
+    assert (cause.name, cause.joints) == ("turned counts", (1,))
+    assert "column 'p2' (position)" in cause.remedy
+    np.testing.assert_array_equal(checkup.corrected.counts, table[0]["c"])
+
+
+def test_a_gear_that_was_stated_with_the_wrong_sign_is_turned(table):
     gear = RIG.drive.gear * (1, -1)
     record = read(
         table, "c", rig=dataclasses.replace(RIG, drive=dataclasses.replace(RIG.drive, gear=gear))
     )
     checkup = record.check()
-    (found,) = checkup.problems
-    assert "change the sign of the gear" in found.advice
-    np.testing.assert_array_equal(checkup.record.rig.drive.gear, RIG.drive.gear)
-    np.testing.assert_array_equal(checkup.record.current, record.current)
+    (cause,) = checkup.causes
+    assert (cause.name, cause.joints) == ("turned gear", (1,))
+    np.testing.assert_array_equal(checkup.corrected.rig.drive.gear, RIG.drive.gear)
+    np.testing.assert_array_equal(checkup.corrected.current, record.current)
     if isinstance(table[1], P):  # saturates when it is replayed on that rig
         with pytest.raises(
             ValueError,
@@ -164,26 +171,18 @@ def test_positions_that_were_filtered_or_rounded_accuse_no_gear(table, made):
 
 def test_without_a_law_or_torque_both_columns_that_may_be_turned_are_named(record):
     lawless = dataclasses.replace(turned(record, "torque", 1), law=None)
-    assert (
-        "backwards, and drives against friction's sign: change the sign of column 'u2' (torque)."
-        in advice(lawless, "drive sign", 1)
-    )
+    assert cause(lawless)[:2] == ("turned torque", (1,))
     open_loop = dataclasses.replace(
         lawless, reference_pulses=np.zeros_like(record.counts), error_pulses=-record.counts
     )
-    said = advice(open_loop, "drive sign", 1)
-    assert "change the sign of column 'u2' (torque), column 'c2' (counts) or gear" in said
+    name, joints, remedy = cause(open_loop)
+    assert (name, joints) == ("turned torque", (1,))
+    assert all(word in remedy for word in ("'u2'", "counts", "gear"))
     silent = dataclasses.replace(turned(record, "counts", 0), torque=None, current=None, law=None)
-    said = advice(silent, "gear sign", 0)
-    assert (
-        "change the sign of column 'c1' (counts), or of the gear, or of column 'r1'"
-        " (reference_pulses)." in said
-    )
-
-
-def test_without_names_of_columns_the_fields_are_named(record):
-    plain = dataclasses.replace(turned(record, "torque", 0), columns=None)
-    assert "change the sign of the torque." in advice(plain, "drive sign", 0)
+    first = silent.check().causes[0]
+    names = {first.name, *(rival.name for rival in first.rivals)}
+    assert names == {"turned counts", "turned reference"}
+    assert first.joints == (0,)
 
 
 def test_counts_of_a_smooth_encoder_are_accepted():

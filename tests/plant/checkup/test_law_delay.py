@@ -10,8 +10,7 @@ import pytest
 
 from ctc import ComputedTorque, ComputedTorquePID
 from plant import PD, PID, Cascade, Elasticity, Harmonics, Resumed, puma560, simulate
-from plant.checkup.law_delay import law_delays
-from plant.checkup.signals import Signals
+from plant.checkup.examine import late_counts
 
 ARM, RIG = puma560.arm(), puma560.rig()
 PATH = Harmonics(
@@ -72,11 +71,8 @@ def late(record, *samples):
 
 
 def told(record):
-    return np.nan_to_num(law_delays(Signals(record))).tolist()
-
-
-def delays(checkup):
-    return {f.joint: f.value for f in checkup.problems if f.check == "delay"}
+    """Whole samples by which the counts are late; those of the other rounding are whole, too."""
+    return np.round(late_counts(record), 1).tolist()
 
 
 @pytest.mark.parametrize("name", LAWS)
@@ -85,20 +81,16 @@ def test_the_law_tells_which_counts_are_late(name):
     assert told(record) == [0, 0]
     assert told(late(record, 1, 1)) == [1, 1]
     assert told(late(record, 0, 1)) == [0, 1]
-    assert told(late(record, -2, -2)) == [-2, -2]
-    assert told(dataclasses.replace(late(record, 1, 1), reference=None)) == [1, 1]
-    assert not delays(record.check())
 
 
 @pytest.mark.parametrize("name", ["PID", "cascade", "computed torque PID"])
 def test_counts_in_time_are_given_back(name):
     checkup = late(log(name), 0, 1).check()
-    assert delays(checkup) == {1: 1.0}
-    (said,) = [f.advice for f in checkup.problems if f.check == "delay"]
-    assert "the counts are 1 sample late" in said
-    assert "Corrected so" in said
-    np.testing.assert_array_equal(checkup.record.counts[:-1], log(name).counts[2:-3])
-    assert checkup.record.check().ok
+    (cause,) = checkup.causes
+    assert (cause.name, cause.joints) == ("late counts", (1,))
+    assert cause.size == pytest.approx(1.0, abs=0.05)
+    np.testing.assert_array_equal(checkup.corrected.counts[:-1], log(name).counts[2:-3])
+    assert checkup.corrected.check().ok
 
 
 @pytest.mark.parametrize("rounding", ["floor", "fix", "round"])
@@ -130,7 +122,6 @@ def test_torques_in_other_units_or_of_commands_and_a_state_that_is_known_will_do
     assert told(
         dataclasses.replace(record, law=Resumed(law=LAGS, state=LAGS.initial_state(2)))
     ) == [1, 1]
-    assert np.isnan(law_delays(Signals(dataclasses.replace(record, torque=None)))).all()
 
 
 @pytest.mark.parametrize("name", ["PID", "fast PID", "cascade", "fast cascade"])

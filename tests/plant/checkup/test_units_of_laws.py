@@ -21,24 +21,24 @@ def said(record, check):
     return [finding.advice for finding in record.check().problems if finding.check == check]
 
 
+def causes(record):
+    return [cause.name for cause in record.check().causes]
+
+
 def test_gains_in_amperes_are_named_by_the_logged_torque(record):
     law = puma560.p_law()
-    assert not said(record, "units of torque")
-    lines = said(dataclasses.replace(record, law=P(gain=law.gain / GAIN)), "units of torque")
-    assert len(lines) == 2
-    assert all("may be in A per pulse: multiply them by motor_gain" in line for line in lines)
-    lines = said(dataclasses.replace(record, law=P(gain=law.gain * 10)), "units of torque")
-    assert lines
-    assert not any("A per pulse" in line for line in lines)
+    assert not causes(record)
+    amperes = dataclasses.replace(record, law=P(gain=law.gain / GAIN))
+    assert causes(amperes)[0] == "gains in A"
+    np.testing.assert_allclose(amperes.check().corrected.law.gain, law.gain)
+    assert causes(dataclasses.replace(record, law=P(gain=law.gain * 10)))[0] == "gain"
 
 
 def test_they_are_named_by_friction_where_no_torque_is_logged(record):
     alone = dataclasses.replace(
         record, torque=None, current=None, law=P(gain=puma560.p_law().gain / GAIN)
     )
-    lines = said(alone, "units of torque")
-    assert lines
-    assert all("in A per pulse" in line for line in lines)
+    assert causes(alone)[0] == "gains in A"
 
 
 def test_a_reference_that_was_not_mapped_is_named(record):
@@ -58,11 +58,9 @@ def test_a_reference_that_was_not_mapped_is_named(record):
 
 def test_a_turned_current_may_be_a_turned_gear(record):
     turned = dataclasses.replace(record, torque=None, current=record.current * (1, -1))
-    (line,) = said(turned, "drive sign")
-    assert (
-        "change the sign of the current, or of the gear. Corrected so, fewer checks find something."
-        in line
-    )
+    (cause,) = turned.check().causes
+    assert (cause.name, cause.joints) == ("turned torque", (1,))
+    assert "the current, or of the gear" in cause.remedy
 
 
 def test_a_torque_that_is_off_as_the_resolution_is(record):
