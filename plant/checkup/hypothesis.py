@@ -53,9 +53,8 @@ class Hypothesis(Generic[Experiment]):
     scope : callable
         The joints that the mistake may concern, of a number of joints: `whole`, `each_joint` or
         `pairs`.
-    sizes : tuple of float, or callable
-        Sizes that are tried. A switch has one size. ``sizes(experiment, joints)`` gives those that
-        the log itself suggests.
+    sizes : tuple of float
+        Sizes that are tried. A switch has one size.
     against : float
         Natural logarithm of the odds against the mistake before the log is read.
     tolerance : float, optional
@@ -65,6 +64,9 @@ class Hypothesis(Generic[Experiment]):
         Unit of the size in messages.
     check : str
         Name of the check whose finding shows the mistake; by default the name of the mistake.
+    suggested : callable, optional
+        ``suggested(experiment, joints)`` gives sizes that the log itself suggests, in place of
+        `sizes`.
     evidence : callable, optional
         Evidence of its own, where the score has none: ``evidence(experiment, joints)`` gives pairs
         of a size and its log odds before `against`.
@@ -94,11 +96,12 @@ class Hypothesis(Generic[Experiment]):
     remedy: str
     undo: Callable[[Experiment, Joints, float], Experiment]
     scope: Callable[[int], Iterator[Joints]] = whole
-    sizes: tuple[float, ...] | Callable[[Any, Joints], tuple[float, ...]] = (1.0,)
+    sizes: tuple[float, ...] = (1.0,)
     against: float = 5.0
     tolerance: float | None = None
     unit: str = ""
     check: str = ""
+    suggested: Callable[[Any, Joints], tuple[float, ...]] | None = None
     evidence: Callable[[Any, Joints], Iterable[tuple[float, float]]] | None = None
     scored: bool = False
     parameter: bool = False

@@ -9,7 +9,7 @@ from plant.checkup.counts import hardly_asked
 from plant.checkup.finding import Check, Finding, unless
 from plant.checkup.hypothesis import Cause, Ranking
 from plant.checkup.score import Experiment
-from plant.checkup.signals import TRACKING, Signals
+from plant.checkup.signals import LEAST_MOTION, TRACKING, Signals
 from plant.checkup.without_arm import counts_in_time, delays, lag
 from plant.laws.law import block_of
 
@@ -224,7 +224,7 @@ def _same_counts(signals, i, j):
     """Whether two joints move alike, to a pulse, although their references differ."""
     moved = signals.counts - signals.counts[0]
     # Two joints at rest are alike for another reason.
-    if not moved[:, i].any():
+    if np.ptp(moved[:, i]) < LEAST_MOTION * signals.least_count[i]:
         return False
     pulse = np.abs(np.diag(signals.rig.to_angle(np.eye(signals.n))))
 

@@ -502,9 +502,14 @@ def delay_evidence(experiment: Experiment, joints: Joints) -> Any:
     if delay is None:
         return ()
     chosen = list(joints) or slice(None)
-    values = np.concatenate([delay.by_jerk[chosen], delay.by_speed[chosen]])
-    stds = np.concatenate([delay.jerk_std[chosen], delay.speed_std[chosen]])
-    return _common(values, stds)
+    jerk, jerk_std = delay.by_jerk[chosen], delay.jerk_std[chosen]
+    values = np.concatenate([jerk, delay.by_speed[chosen]])
+    stds = np.concatenate([jerk_std, delay.speed_std[chosen]])
+    for value, gain in _common(values, stds):
+        # Torque that grows with the speed but not with the jerk is friction.
+        if np.nansum((jerk**2 - (jerk - value) ** 2) / jerk_std**2) > 0:
+            return ((value, gain),)
+    return ()
 
 
 def _common(values, stds):
@@ -736,7 +741,7 @@ def _rows() -> Iterator[Hypothesis[Any]]:
             remedy="Check gain, motor gain and gear.",
             undo=other_gain,
             scope=scope,
-            sizes=command_ratios,
+            suggested=command_ratios,
             tolerance=0.3,
         )
         yield Hypothesis(
@@ -746,7 +751,7 @@ def _rows() -> Iterator[Hypothesis[Any]]:
             remedy="Check gain, motor gain and gear, or the driver's scale.",
             undo=rescaled_torque,
             scope=scope,
-            sizes=torque_ratios,
+            suggested=torque_ratios,
             tolerance=0.3,
         )
         yield Hypothesis(
@@ -756,7 +761,7 @@ def _rows() -> Iterator[Hypothesis[Any]]:
             remedy="Check resolution, gear and units of both.",
             undo=scaled_counts,
             scope=scope,
-            sizes=slopes,
+            suggested=slopes,
             tolerance=1.0,
         )
         yield Hypothesis(
@@ -766,7 +771,7 @@ def _rows() -> Iterator[Hypothesis[Any]]:
             remedy="Check resolution, gear and units of both.",
             undo=scaled_reference,
             scope=scope,
-            sizes=inverse_slopes,
+            suggested=inverse_slopes,
             tolerance=1.0,
         )
         yield Hypothesis(
@@ -778,7 +783,7 @@ def _rows() -> Iterator[Hypothesis[Any]]:
             evidence=delay_evidence,
             scored=True,
             scope=scope,
-            sizes=delay_sizes(DELAYS),
+            suggested=delay_sizes(DELAYS),
             tolerance=2.0,
             unit="samples",
         )
@@ -789,7 +794,7 @@ def _rows() -> Iterator[Hypothesis[Any]]:
             remedy="Shift them.",
             undo=torques_in_time,
             scope=scope,
-            sizes=delay_sizes(TORQUE_DELAYS),
+            suggested=delay_sizes(TORQUE_DELAYS),
             tolerance=2.0,
             unit="samples",
         )
@@ -800,7 +805,7 @@ def _rows() -> Iterator[Hypothesis[Any]]:
         remedy="State the limit.",
         undo=lower_limit,
         scope=each_joint,
-        sizes=used_limits,
+        suggested=used_limits,
     )
     for name in ("coulomb", "viscous"):
         title = f"{name.capitalize()} friction"
@@ -811,7 +816,7 @@ def _rows() -> Iterator[Hypothesis[Any]]:
             remedy="Correct that if it was a guess.",
             undo=other_friction(name),
             scope=each_joint,
-            sizes=friction_ratios(name),
+            suggested=friction_ratios(name),
             tolerance=1.0,
             evidence=viscous_evidence if name == "viscous" else None,
             parameter=True,
@@ -828,7 +833,7 @@ def several(n: int) -> Iterator[Joints]:
 
 TABLE: tuple[Hypothesis[Any], ...] = tuple(_rows())
 
-SWITCHES = tuple(row for row in TABLE if isinstance(row.sizes, tuple) and row.tolerance is None)
+SWITCHES = tuple(row for row in TABLE if row.suggested is None and row.tolerance is None)
 """Rows without a size that is estimated: a log whose counts are spoiled shows these alone."""
 
 
@@ -883,8 +888,8 @@ class Trials:
     def _scored(self, experiment, hypothesis, joints, changed):
         """The likeliest size, and how much more likely the log is without a mistake of that size."""
         sizes = hypothesis.sizes
-        if callable(sizes):
-            sizes = sizes(experiment, joints)
+        if hypothesis.suggested is not None:
+            sizes = hypothesis.suggested(experiment, joints)
         if not sizes:
             return []
 
