@@ -821,7 +821,7 @@ def _rows() -> Iterator[Hypothesis[Any]]:
             evidence=viscous_evidence if name == "viscous" else None,
             parameter=True,
             # A friction that is stated is often a guess.
-            against=10.0,
+            against=5.0 if name == "viscous" else 10.0,
         )
 
 
