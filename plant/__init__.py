@@ -29,6 +29,7 @@ from pathlib import Path
 from plant.analysis.control_systems import to_control
 from plant.analysis.linearise import linearise, modes
 from plant.analysis.p_gains import cascade_gains, p_gains
+from plant.checkup.hypothesis import Hypothesis
 from plant.fmu.export import to_fmu
 from plant.laws.law import Law, StatelessLaw, state_of
 from plant.laws.mit_drive import MitDrive
@@ -106,6 +107,7 @@ __all__ = [
     "FrictionDrift",
     "Guards",
     "Harmonics",
+    "Hypothesis",
     "Jitter",
     "JointSpring",
     "KnownTorque",

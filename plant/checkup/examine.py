@@ -312,5 +312,7 @@ def ranked_causes(record, lost, table, labels, settings=SELECTION) -> Ranking[Ex
         # A parameter of the model is no fault of the record.
         if cause.certain and not hypothesis.parameter:
             records.append(hypothesis.undo(records[-1], cause.joints, cause.size))
+        else:
+            records.append(records[-1])
     failed = tuple(f"{name}: {reason}" for name, reason in trials.failed.items())
     return Ranking(result.causes, tuple(map(Experiment, records)), failed)

@@ -30,7 +30,7 @@ def cause_findings(ranking: Ranking[Experiment]) -> Iterator[Finding]:
     """Yield a finding of each cause and joint that it concerns, the likeliest cause first."""
     for k, cause in enumerate(ranking.causes):
         before = ranking.experiments[k]
-        after = ranking.experiments[min(k + 1, len(ranking.experiments) - 1)]
+        after = ranking.experiments[k + 1]
         joints: Any = cause.joints or range(before.n)
         if cause.check in ("rounding", "period"):
             joints = (None,)
