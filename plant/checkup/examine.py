@@ -229,7 +229,8 @@ def _examined(record, hypotheses, labels):
     # Angles are no counts, and no correction of a column mends the column of another motor.
     copied = list(signals.per_joint(copied_columns))
     result, spoiled, counts = as_it_is, False, list[Finding]()
-    if not signals.angular.any() and all(finding.ok for finding in copied):
+    ranked = signals.long_enough and not signals.angular.any()
+    if ranked and all(finding.ok for finding in copied):
         # Counts that jump, stick or are cut off make delays and sizes that are none.
         counts = [*counts_findings(signals, Signals(repeats_bridged(record, lost)))]
         noisy = (signals.noise > signals.least_count).any()

@@ -244,6 +244,8 @@ class Experiment:
         law = self.record.law
         if signals.torque is None or signals.reference is None or law is None or law.replays:
             return None
+        if not signals.long_enough:
+            return None
         if law.has_memory(self.n):
             return steps_of_torque(signals)
         rows = slice(None, None, max(1, len(signals.t) // SETTINGS.rows))

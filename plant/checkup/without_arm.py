@@ -110,7 +110,8 @@ def exchanged_torques(record: Any, joints: Joints, as_motor: float) -> Any:
     drive = record.rig.drive
     current = None if record.current is None else record.current[:, order]
     if record.torque is None:
-        if current is None or as_motor:
+        # Currents are on the motors' side.
+        if current is None:
             raise ValueError("the record must have a torque; it has none. Log one.")
         return replace(record, current=current)
     torque = record.torque[:, order]

@@ -89,8 +89,8 @@ def test_a_turned_column_is_named_where_no_arm_explains_the_torque(record):
         record, torque=-record.torque, law=LoggedTorque(), reference=None, name="run_03.csv"
     )
     said = (
-        r"it does in no band. .*\(run_03.csv\): drive sign of .*: Torque accelerates the counts"
-        r" backwards.*'u_shoulder'"
+        r"it does in no band. .*\(run_03.csv\): drive sign of .*: The torque of all joints has the"
+        r" wrong sign.*'u_shoulder'"
     )
     with pytest.raises(ValueError, match=said):
         identify(DYNAMICS, turned, progress=False)
