@@ -109,12 +109,12 @@ class TorqueEquation:
         rows = np.flatnonzero(signals.clear[margin : len(signals.clear) - margin]) + margin
         # Counts of zero are an angle, which speeds do not have.
         zero = record.rig.to_angle(np.zeros(record.n))
-        positions, *rates = map(record.rig.to_angle, signals.motion)
+        positions, speeds, accelerations = map(record.rig.to_angle, signals.motion)
         dry = np.column_stack([signals.smooth_even(np.sign(x)) for x in signals.motion.speed.T])
         return cls(
             dynamics=dynamics,
             rig=record.rig,
-            motion=Motion(positions, *(rate - zero for rate in rates)),
+            motion=Motion(positions, speeds - zero, accelerations - zero),
             torque=record.rig.drive.gear * signals.smooth(signals.motor_torque),
             dry=dry,
             rows=rows[:: max(1, len(rows) * record.n // SETTINGS.equations)],

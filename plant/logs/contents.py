@@ -110,9 +110,9 @@ class LogContents:
         cells += [(name, "", "", "no numbers") for name in self.text[:_LISTED]]
         widths = [max(map(len, column)) for column in list(zip(*cells, strict=True))[:3]]
         lines = [f"{self.path}: {self.samples} rows", f"time: {self.rate}"]
-        for *numbers, role in cells:
-            padded = [cell.ljust(width) for cell, width in zip(numbers, widths, strict=True)]
-            lines.append("  " + "  ".join([*padded, role]))
+        for cell in cells:
+            padded = [text.ljust(width) for text, width in zip(cell, [*widths, 0], strict=True)]
+            lines.append("  " + "  ".join(padded))
         more = len(self.roles) + len(self.text) - len(cells)
         return lines + [f"  and {more} more columns"] * (more > 0)
 
@@ -169,8 +169,8 @@ def _likely(
     units = {name: stated.get(name) or without_unit(name)[1] for name in columns}
     roles = {name: role_of(name, values, units[name]) for name, values in columns.items()}
     # The joint that moves most decides about the unit of all.
-    for (quantity, *_), names in groups_of(roles).items():
-        if quantity in ("position", "torque", "current"):
+    for names in groups_of(roles).values():
+        if roles[names[0]].quantity in ("position", "torque", "current"):
             together = np.concatenate([columns[name] for name in names])
             roles |= {name: role_of(name, together, units[name]) for name in names}
     roles = _with_time(columns, roles)

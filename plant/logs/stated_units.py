@@ -91,8 +91,8 @@ def require_words(columns: Mapping[str, Any], units: Mapping[str, Stated]) -> No
         if field not in columns:
             advice = near(field, columns, "Map it as well, or leave out its unit.", cutoff=0.7)
             raise ValueError(
-                f"units must be of columns that are mapped, {', '.join(columns)}; got {field!r:.40}."
-                f" {advice}"
+                f"units must be of columns that are mapped, {', '.join(columns)}; got"
+                f" {field!r:.40}. {advice}"
             )
         _word(field, unit)
 

@@ -1,7 +1,6 @@
 """Columns of a text table of any `Dialect`, such as loggers, drives and spreadsheets export."""
 
 import re
-from collections import Counter
 from collections.abc import Collection
 from pathlib import Path
 from typing import Any
@@ -40,7 +39,7 @@ def read_text(
     places = [i for i, name in enumerate(names) if name in homes]
     read = [names[i] for i in places]
     if len(homes) < len(read):
-        (twice, _), *_ = Counter(read).most_common(1)
+        twice = max(read, key=read.count)
         raise ValueError(f"has column {twice!r} twice; each may come once. Rename one.")
     rows = Rows(
         names,
