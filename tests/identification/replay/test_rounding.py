@@ -9,6 +9,7 @@ import pytest
 
 from identification import identify
 from identification.replay import experiment
+from identification.replay.gauss_newton import gauss_newton
 from identification.replay.prediction import Prediction
 from identification.search import polish
 from plant import PID, Jitter, Phase, Record, puma560, simulate
@@ -89,6 +90,27 @@ def test_it_rounds_as_often_as_the_loop_of_the_log(steps):
     )
     found = polish._rounded(prediction, values, shifts, prediction.innovations(values))
     np.testing.assert_array_equal(found, prediction.of_rounded(values, shifts, steps))
+
+
+def test_the_mean_of_simulated_logs_adds_its_own_variance(monkeypatch):
+    """Of logs of white noise the covariance is right: it grows by 1 / logs. In a log of far more
+    noise than rounding their scatter says nothing.
+    """
+    record = simulate(ARM, RIG, LAW, PATH, duration=0.7)
+    prediction = Prediction(ARM.dynamics, record)
+    steps = np.append(1e-3 * np.abs(ARM.f), prediction.nuisance_steps)
+    bounds = np.vstack([np.full((9, 2), (-np.inf, np.inf)), prediction.nuisance_bounds])
+    start = np.append(ARM.f, prediction.nuisances)
+    solution = gauss_newton(prediction, start, steps, bounds)
+    logs = np.random.default_rng(0).normal(size=(8, len(solution.residual)))
+    monkeypatch.setattr(polish, "_rounded", lambda *_: list(logs))
+    for factor, low, high in ((1, 0.95, 1.3), (100, 1.1249, 1.1251)):
+        residual = factor * logs[0] * prediction.scales
+        noisy = dataclasses.replace(solution, residual=residual)
+        unbiased, mean = polish._unbiased(prediction, noisy, bounds, 0)
+        scale = np.diag(unbiased.covariance) / np.diag(solution.covariance)
+        assert low < scale.min() <= scale.max() < high
+        np.testing.assert_allclose(mean, logs.mean(axis=0) * prediction.scales)
 
 
 @pytest.mark.slow
