@@ -9,6 +9,7 @@ Source: R. F. Engle, Wald, likelihood ratio, and Lagrange multiplier tests in ec
 of Econometrics II, 1984, ch. 13.
 """
 
+import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, TypeAlias
@@ -20,6 +21,7 @@ from identification.replay.extended import Number, joint_of, kind_of
 from identification.replay.optimum import Optimum, Trial, backlash, compliance
 from identification.results.along_log import at_reversals
 from identification.results.assumed import SHARE, longer
+from plant.checkup.hypothesis import log_odds
 from plant.compiler.background import shared_out
 from plant.parts.fields import Floats
 from plant.parts.frozen import Frozen, frozen
@@ -114,6 +116,14 @@ class ArmHypothesis:
         Lowest size, in samples: a smaller one is an error of timing.
     choices : int
         Values of a further number of which each pair of numbers has the best.
+    against : float
+        Natural logarithm of the odds against it before the log is read.
+    spread : float
+        Standard deviation of its sizes where it holds, in the unit of its numbers, or of `scale`.
+        A log that determines a size much better costs evidence (Occam's factor); without one, the
+        threshold of chance stands for that.
+    scale : callable, optional
+        As of a `Number`, for numbers of a torque along the log.
     timing : bool
         Whether it shifts the log in time. Two of these are not told apart, and straight lines
         through counts lag by half a pulse: along them they are not tested.
@@ -151,6 +161,9 @@ class ArmHypothesis:
     signed: bool = False
     least_samples: float = 0.0
     choices: int = 1
+    against: float = 4.6
+    spread: float = 0.0
+    scale: Callable[[Floats, Floats], Floats] | None = None
     timing: bool = False
     suspected: bool = False
     gears: bool = False
@@ -164,6 +177,19 @@ class ArmHypothesis:
         """Whether a number of the model belongs to this cause."""
         kinds = [kind.name for kind in self.numbers]
         return kind_of(number) in (self.prefix or self.name, *kinds)
+
+    def log_odds(self, sign: "Sign", efforts: Floats) -> float:
+        """Log odds for this cause with the sizes of a sign, against none; `efforts`: as above."""
+        kinds = {number.name: number for number in self.numbers}
+        occam = self.against + math.log(self.choices) * sign.freedom / 2
+        for name, visible in sign.visible.items():
+            number = kinds.get(kind_of(name)) or Number(name=name, place="", scale=self.scale)
+            spread = number.size(self.spread, name, efforts)
+            # Visible is the size at which chi-square is at its threshold.
+            occam += 0.5 * math.log1p(spread**2 * sign.threshold / visible**2)
+        if not self.spread:
+            occam = sign.threshold / 2
+        return log_odds(sign.chi_square, against=occam)
 
 
 @kept
@@ -191,6 +217,10 @@ class Sign(Shown, Frozen):
         Smallest value of each that this log would show, in the same units.
     rivals : tuple of str
         Alternatives that explain nearly as much.
+    log_odds : float
+        Natural logarithm of the odds for this effect against none; NaN of one that was not selected.
+    others : tuple of (str, float)
+        The effects that come next, and their log odds.
     absorbing : tuple of str
         Unknowns that can produce nearly the same effect, so that the log hardly tells which of them
         is wrong.
@@ -205,6 +235,8 @@ class Sign(Shown, Frozen):
     visible: dict[str, float]
     rivals: tuple[str, ...] = ()
     absorbing: tuple[str, ...] = ()
+    log_odds: float = math.nan
+    others: tuple[tuple[str, float], ...] = ()
 
     @property
     def significant(self) -> bool:

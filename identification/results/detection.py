@@ -16,6 +16,7 @@ from identification.replay.extended import joint_of
 from identification.results.alternatives import Sign
 from identification.results.with_arm import BY_NAME, STIFF
 from identification.search.outcome import Fit
+from plant.checkup.hypothesis import Cause, Rival
 from plant.parts.fields import Floats
 from plant.parts.frozen import Frozen, frozen
 from plant.parts.kinds import kept
@@ -51,6 +52,9 @@ SETTINGS = DetectionSettings()
 _MEAN = (
     "Values are the mean of each record's own{0.left_out}: found.fit.between tells how these differ"
 )
+
+
+_CERTAIN = 99.0  # power of ten of odds beyond which a text says no more
 
 
 @kept
@@ -198,41 +202,60 @@ class Detection(Shown, Frozen):
 
     def warnings(self) -> Iterator[str]:
         """A line for each cause; of backlash for each joint."""
-        for sign in self.named:
-            hypothesis = BY_NAME[sign.name]
-            sizes = list(self._sizes(sign))
-            each = hypothesis.between.join(hypothesis.each.format(**size) for size in sizes)
-            fields = {
-                "each": each or "some resonance",
-                "chance": f"chi-square {sign.chi_square:.0f}, by chance below {sign.threshold:.0f}",
-                "value": next(iter(sign.values.values()), 0.0),
-                "scaled": self._scaled(sign),
-                "mean": (
-                    "Identify each alone, and compare"
-                    if self.mean is None
-                    else _MEAN.format(self.between)
-                ),
-                "chi_square": sign.chi_square,
-                "freedom": sign.freedom,
-                "threshold": sign.threshold,
-            }
-            sentence = hypothesis.sentence
-            remedy = hypothesis.remedy
-            if sign.absorbing:
-                # A correction that the log cannot tell from an unknown would move that instead.
-                remedy = (
-                    f"This log hardly distinguishes that from another {', '.join(sign.absorbing)}:"
-                    f" {hypothesis.telling}"
-                )
-            elif hypothesis.biased:
-                sentence += ", which biases f"
-            message = f"{sentence}. {remedy}." if remedy else f"{sentence}."
-            rivals = ""
-            if sign.rivals:
-                rivals = f" Another cause explains nearly as much: {', '.join(sign.rivals)}."
-            # Each gear with backlash has a line of its own.
-            for size in sizes if hypothesis.gears else [{}]:
-                yield f"{message}{rivals}".format(**fields, **size)
+        for cause in self.causes:
+            line = f"{cause.sentence}. {cause.remedy}. " if cause.remedy else f"{cause.sentence}. "
+            yield (line + cause.doubt).strip()
+
+    @property
+    def causes(self) -> tuple[Cause, ...]:
+        """The causes that contradict the model, the likeliest first; of backlash, gear by gear."""
+        return tuple(cause for sign in self.named for cause in self._causes(sign))
+
+    def _causes(self, sign: Sign) -> Iterator[Cause]:
+        """The cause of a sign; of backlash, that of each gear."""
+        hypothesis = BY_NAME[sign.name]
+        sizes = list(self._sizes(sign))
+        each = hypothesis.between.join(hypothesis.each.format(**size) for size in sizes)
+        following = "".join(f"; next: {name}, {power_of(odds)}" for name, odds in sign.others[:1])
+        fields = {
+            "each": each or "some resonance",
+            "chance": f"odds {power_of(sign.log_odds)}{following}",
+            "value": next(iter(sign.values.values()), 0.0),
+            "scaled": self._scaled(sign),
+            "mean": (
+                "Identify each alone, and compare"
+                if self.mean is None
+                else _MEAN.format(self.between)
+            ),
+            "chi_square": sign.chi_square,
+            "freedom": sign.freedom,
+            "threshold": sign.threshold,
+        }
+        sentence = hypothesis.sentence
+        remedy = hypothesis.remedy
+        if sign.absorbing:
+            # A correction that the log cannot tell from an unknown would move that instead.
+            remedy = (
+                f"This log hardly distinguishes that from another {', '.join(sign.absorbing)}:"
+                f" {hypothesis.telling}"
+            )
+        elif hypothesis.biased:
+            sentence += ", which biases f"
+        if sign.rivals:
+            remedy += f". To tell causes apart, {hypothesis.telling or 'log another motion'}"
+        odds = dict(sign.others)
+        joints = tuple(joint_of(name) for name in hypothesis.shown(sign) if "[" in name)
+        for i, size in enumerate(sizes if hypothesis.gears else [sizes[0] if sizes else {}]):
+            yield Cause(
+                name=sign.name,
+                joints=joints[i : i + 1] if hypothesis.gears else joints,
+                size=float(size.get("size", 0.0)),
+                unit=hypothesis.unit,
+                log_odds=sign.log_odds,
+                sentence=sentence.format(**fields | size),
+                remedy=remedy.format(**fields | size),
+                rivals=tuple(Rival(name, (), 0.0, odds.get(name, 0.0)) for name in sign.rivals),
+            )
 
     def _sizes(self, sign: Sign) -> Iterator[dict[str, Any]]:
         """Fields of the text of each size of a cause."""
@@ -307,6 +330,12 @@ class Detection(Shown, Frozen):
     def _joint(self, name: str) -> str:
         """Joint of a number such as ``gear[1]``."""
         return self.joints[joint_of(name)]
+
+
+def power_of(log_odds: float) -> str:
+    """Odds as a power of ten, from their natural logarithm; no more than 1e99."""
+    # An infinite chi-square is that of a cause which another test suggests.
+    return f"1e{np.nan_to_num(min(log_odds / np.log(10), _CERTAIN)):.0f}"
 
 
 def _span(values: list[float]) -> str:

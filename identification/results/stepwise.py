@@ -250,7 +250,7 @@ class _Search:
                 if sign.name == "disagreement" and sign.explained > SETTINGS.apart * largest
             ]
             if apart and not causes:
-                causes = apart
+                causes = [replace(sign, log_odds=self._odds(sign)) for sign in apart]
                 break
 
             # 3. Of the fits, the one with the fewest numbers among those that are about as good.
@@ -261,7 +261,8 @@ class _Search:
             if best is None:
                 chosen = [sign for sign in significant if not BY_NAME[sign.name].refit]
             else:
-                chosen = [best.sign]
+                chosen = [self._ranked(best, refits, significant)]
+                best = best._replace(sign=chosen[0])
             self.faint = (
                 coarse
                 and bool(chosen)
@@ -269,11 +270,11 @@ class _Search:
             )
             coarse = False
             if best is None or self.faint:
-                causes += chosen
+                causes += [replace(sign, log_odds=self._odds(sign)) for sign in chosen]
                 break
 
             # 4. Adopt it, and test all again beside it.
-            causes.append(self._adopted(best, refits))
+            causes.append(self._adopted(best))
             signs = tested(self.point, self._testable)
         if (
             causes
@@ -310,10 +311,27 @@ class _Search:
             refits = [refit for refit in refits if refit.sign.explained > limit]
         return refits
 
-    def _adopted(self, best, refits):
-        """Make a fit the optimum of the search; its sign, with its rivals."""
-        rivals = tuple(refit.sign.name for refit in refits if refit.sign.name != best.sign.name)
-        sign = replace(best.sign, rivals=rivals)
+    def _odds(self, sign):
+        """Log odds for the cause of a sign."""
+        return BY_NAME[sign.name].log_odds(sign, self._efforts)
+
+    def _ranked(self, best, refits, significant):
+        """The sign of the best fit, with its rivals, its odds, and what comes next."""
+        # The fit of a cause replaces its first estimate.
+        signs = {sign.name: sign for sign in significant}
+        signs |= {refit.sign.name: refit.sign for refit in refits}
+        odds = {name: self._odds(sign) for name, sign in signs.items()}
+        others = sorted(odds.keys() - {best.sign.name}, key=lambda name: -odds[name])
+        return replace(
+            best.sign,
+            rivals=tuple(refit.sign.name for refit in refits if refit.sign.name != best.sign.name),
+            log_odds=odds[best.sign.name],
+            others=tuple((name, odds[name]) for name in others if odds[name] > 0),
+        )
+
+    def _adopted(self, best):
+        """Make a fit the optimum of the search; its sign."""
+        sign = best.sign
         # The trial fits used sensitivities of the previous optimum; this one takes its own.
         bounds = self.point.bounds
         optimum = fitted(best.at.model, best.at.values, best.step, bounds)

@@ -66,7 +66,7 @@ def _torque_per_speed(torque, speed):
 
 
 # The sizes at which effects are taken were chosen by hand: the effects are linear there, and well
-# above rounding.
+# above rounding. So were the spreads: the errors of which users of drives report.
 HYPOTHESES = (
     # A rigid model takes the deflection of a gear for inertia. In 1 / Hz^2, zero of a rigid gear;
     # a resonance of 200 Hz stands for all of them.
@@ -89,6 +89,7 @@ HYPOTHESES = (
         ),
         test=elastic,
         refit=sprung,
+        spread=60.0**-2,
     ),
     # In rad, and without a slope: widths are tried.
     ArmHypothesis(
@@ -138,6 +139,7 @@ HYPOTHESES = (
         signed=True,
         shares=True,
         refit=moved,
+        spread=0.1,
     ),
     ArmHypothesis(
         name="offset",
@@ -161,6 +163,7 @@ HYPOTHESES = (
         ),
         signed=True,
         refit=moved,
+        spread=0.1,
     ),
     # Wrong lengths and counts per turn scale a motion as a wrong gear does.
     ArmHypothesis(
@@ -175,6 +178,7 @@ HYPOTHESES = (
         numbers=(Number.share("gear", "drive.gear", tolerance="gear"),),
         signed=True,
         refit=moved,
+        spread=0.05,
     ),
     # Torques that are all too large by one share show as other friction.
     ArmHypothesis(
@@ -203,6 +207,7 @@ HYPOTHESES = (
         ),
         timing=True,
         refit=moved,
+        spread=1e-3,
     ),
     # Gains of a law without memory.
     ArmHypothesis(
@@ -224,6 +229,7 @@ HYPOTHESES = (
         signed=True,
         timing=True,
         refit=in_time,
+        spread=0.5,
     ),
     # Its torque is known along the log but for the size, so it is stated, not identified.
     ArmHypothesis(
@@ -238,6 +244,8 @@ HYPOTHESES = (
         signed=True,
         choices=CYCLES,
         refit=pushed,
+        spread=0.05,
+        scale=_torque,
     ),
     # A derivative in the law advances its torque by the ratio of the gains.
     ArmHypothesis(
@@ -253,6 +261,7 @@ HYPOTHESES = (
         torques=lead,
         least_samples=0.5,
         refit=pushed,
+        spread=5e-3,
     ),
     # Not fitted: of wide backlash only the instants are known at which it acts.
     ArmHypothesis(
@@ -288,6 +297,7 @@ HYPOTHESES = (
         suspected=True,
         test=lengths,
         refit=lengthened,
+        spread=0.2,
     ),
 )
 

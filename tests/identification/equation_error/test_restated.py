@@ -163,7 +163,9 @@ def test_a_cause_that_explains_nearly_as_much_is_told():
     alone, beside = (dataclasses.replace(sign, rivals=rivals) for rivals in ((), ("gear",)))
     assert "Another cause" not in next(Detection(named=(alone,), joints=("a", "b")).warnings())
     said = next(Detection(named=(beside,), joints=("a", "b")).warnings())
-    assert said.endswith("Another cause explains nearly as much: gear.")
+    assert said.endswith(
+        "log slower and faster motion as well. The log cannot distinguish this from: gear."
+    )
 
 
 def test_a_place_in_millimetres_is_refused():
