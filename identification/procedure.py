@@ -287,7 +287,7 @@ def _assess(problem: Problem, outcome: Outcome, started: float) -> Identificatio
 def _likely_cause(problem: Problem) -> str:
     """The leading contradiction between log and statements, as an end of an error; or none."""
     record = problem.records[0]
-    signs = restated(problem.dynamics, record)
+    signs = (cause.line for cause in restated(problem.dynamics, record))
     statements = of_statements(record.rig, problem.records, problem.dynamics.chain)
     # One cause is enough in an error; the generator makes no more.
     cause = next(itertools.chain(signs, statements), None)

@@ -402,7 +402,7 @@ def fit_torque(
             rough=True,
         )
         return replace(
-            fit, friction=friction, doubts=(*of_log(dynamics, log, width), *arm.doubts())
+            fit, friction=friction, causes=of_log(dynamics, log, width), doubts=tuple(arm.doubts())
         )
     except NotIdentifiableError as error:
         # Of all names at once: the error knows the first that depends on others.

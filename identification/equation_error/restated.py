@@ -322,8 +322,10 @@ HYPOTHESES = (
 _ALWAYS = ("gravity direction", "joint sign", "sign of the torques")
 
 
-def contradictions(equation: TorqueEquation) -> tuple[tuple[Cause, ...], tuple[float, ...]]:
-    """The causes, the likeliest first, and the shares that are left: as stated, without each."""
+def contradictions(equation: TorqueEquation | None) -> tuple[Cause, ...]:
+    """The causes, the likeliest first, with the shares of the torques that are left."""
+    if equation is None:
+        return ()
     result = ranking(
         equation,
         _candidates,
@@ -331,7 +333,16 @@ def contradictions(equation: TorqueEquation) -> tuple[tuple[Cause, ...], tuple[f
         # Of two mistakes at once the second is found beside the first.
         SelectionSettings(causes=2),
     )
-    return result.causes, tuple(experiment.left for experiment in result.experiments)
+    left = [experiment.left for experiment in result.experiments]
+    return tuple(
+        replace(
+            cause,
+            sentence=f"{cause.sentence}. So stated, the equation of motion leaves {after:.1%} of"
+            f" the torques (rms); as it is, {before:.1%}",
+            remedy=f"{cause.remedy}, and identify again",
+        )
+        for cause, before, after in zip(result.causes, left[:-1], left[1:], strict=True)
+    )
 
 
 def _candidates(equation: TorqueEquation) -> Iterator[Candidate]:
@@ -353,34 +364,21 @@ def _same(equation):
     return equation
 
 
-def lines(equation: TorqueEquation | None) -> list[str]:
-    """A line for each contradiction, with what it leaves of the torques."""
-    if equation is None:
-        return []
-    causes, left = contradictions(equation)
-    return [
-        f"{cause.sentence}. So stated, the equation of motion leaves {after:.1%} of the torques"
-        f" (rms); as it is, {before:.1%}. {cause.doubt}{' ' * bool(cause.rivals)}{cause.remedy},"
-        " and identify again."
-        for cause, before, after in zip(causes, left[:-1], left[1:], strict=True)
-    ]
-
-
 @functools.lru_cache(maxsize=4)
-def restated(dynamics: Dynamics, record: Record) -> list[str]:
-    """Lines about what a record states wrongly, or none."""
-    return lines(TorqueEquation.of(dynamics, record))
+def restated(dynamics: Dynamics, record: Record) -> tuple[Cause, ...]:
+    """What a record states wrongly, or nothing."""
+    return contradictions(TorqueEquation.of(dynamics, record))
 
 
-def of_log(dynamics: Dynamics, log: TorqueLog, band: float) -> list[str]:
+def of_log(dynamics: Dynamics, log: TorqueLog, band: float) -> tuple[Cause, ...]:
     """The same of positions and torques in a band [Hz]; none where a torque is missing."""
     margin = math.ceil(1 / (band * log.rig.period))
     rows = np.arange(margin, len(log.q) - margin)
     if not np.isfinite(log.torque).all() or len(rows) < 2 * dynamics.p:
-        return []
+        return ()
     period = log.rig.period
     motion = derivatives(log.q, period, band)
-    return lines(
+    return contradictions(
         TorqueEquation(
             dynamics=dynamics,
             rig=log.rig,

@@ -21,6 +21,7 @@ from identification.equation_error.least_squares import SEGMENTS, at_least, grou
 from identification.equation_error.naming import short_names
 from identification.equation_error.regressor import Places, System
 from plant import Dynamics
+from plant.checkup.hypothesis import Cause
 from plant.parts import (
     Aside,
     Floats,
@@ -112,6 +113,9 @@ class TorqueFit(Shown, Frozen):
     friction : tuple of FrictionTrial
         Kinds of friction beside the fitted ones, by their prediction of blocks kept aside, best
         first; none where no Coulomb friction is unknown. They are reported, not fitted.
+    causes : tuple of Cause
+        Mistakes in columns or gravity that contradict the equation of motion, whatever f is; the
+        likeliest first.
     doubts : tuple of str
         Why these f are those of no arm, or of another rig; see `FittedArm`.
     """
@@ -136,6 +140,7 @@ class TorqueFit(Shown, Frozen):
     least_speeds: tuple[FitTrial, ...] = ()
     between: BetweenRuns | None = None
     friction: tuple[FrictionTrial, ...] = ()
+    causes: tuple[Cause, ...] = ()
     doubts: tuple[str, ...] = ()
 
     @property
@@ -196,7 +201,7 @@ class TorqueFit(Shown, Frozen):
             for name, value in zip(self.names, self.values, strict=True)
             if name.startswith(("drive.viscous", "drive.coulomb")) and value < 0
         ]
-        lines = list(self.doubts)
+        lines = [*(cause.line for cause in self.causes), *self.doubts]
         if negative:
             lines.append(
                 f"friction must not be negative; check signs and units ({', '.join(negative)})"

@@ -218,7 +218,7 @@ class Sign(Shown, Frozen):
     rivals : tuple of str
         Alternatives that explain nearly as much.
     log_odds : float
-        Natural logarithm of the odds for this effect against none; NaN of one that was not selected.
+        Natural logarithm of the odds for this effect against none; NaN of one not selected.
     others : tuple of (str, float)
         The effects that come next, and their log odds.
     absorbing : tuple of str

@@ -202,9 +202,7 @@ class Detection(Shown, Frozen):
 
     def warnings(self) -> Iterator[str]:
         """A line for each cause; of backlash for each joint."""
-        for cause in self.causes:
-            line = f"{cause.sentence}. {cause.remedy}. " if cause.remedy else f"{cause.sentence}. "
-            yield (line + cause.doubt).strip()
+        yield from (cause.line for cause in self.causes)
 
     @property
     def causes(self) -> tuple[Cause, ...]:

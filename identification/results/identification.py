@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from identification.equation_error.naming import short_names
+from identification.equation_error.restated import restated
 from identification.planning.budget import pulse_budget
 from identification.results.assumed import Assumed, moved_by_lengths
 from identification.results.diagnostics import Diagnostics
@@ -18,6 +19,7 @@ from identification.results.summary import doubts, summary_of
 from identification.results.trust import warnings_of
 from identification.search.outcome import Fit, Search
 from plant import Arm, Law, Record, Rig
+from plant.checkup.hypothesis import Cause
 from plant.parts import Floats, Frozen, Piece, Saved, Shown, frozen, kept
 from plant.parts.saved import fingerprint
 from plant.parts.shown import as_text
@@ -216,6 +218,17 @@ class Identification(Shown, Saved, Frozen):
     @functools.cached_property
     def _moved_by_lengths(self) -> dict[str, Floats]:
         return moved_by_lengths(self.arm, self.records[0], self.fit.unknown)
+
+    @property
+    def causes(self) -> tuple[Cause, ...]:
+        """What contradicts the first record, its rig or its law, the likeliest first.
+
+        Mistakes in columns and gravity, whatever f is; then effects that the rig does not model.
+        """
+        return (
+            *restated(self.arm.dynamics, self.records[0]),
+            *self.diagnostics.detection.causes,
+        )
 
     @functools.cached_property
     def warnings(self) -> list[str]:

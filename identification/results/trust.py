@@ -122,7 +122,8 @@ def warnings_of(identification: Any, always: bool = True) -> list[str]:
     records = identification.records if lines else ()
     misreadings = [text[1:] for text in map(misread, records) if text]
     # Wrong signs are reported even where no line doubts the log.
-    signs = restated(identification.arm.dynamics, identification.records[0])
+    causes = restated(identification.arm.dynamics, identification.records[0])
+    signs = [cause.line for cause in causes]
     return [*dict.fromkeys(misreadings), *signs, *lines]
 
 
@@ -370,13 +371,13 @@ def _detected(case):
     if case.fits:
         return
     detection = diagnostics.detection
-    for sign, text in zip(detection.named, detection.warnings(), strict=True):
+    for cause in detection.causes:
         # Late counts look like a lag of the currents, and `_law` has reported them.
-        if sign.name == "lag" and case.late:
+        if cause.name == "lag" and case.late:
             continue
         # Where the loop can be simulated, `_timing` reports the delay against the simulation.
-        if sign.name != "delay" or case.replayed or not np.isfinite(diagnostics.delay):
-            yield text
+        if cause.name != "delay" or case.replayed or not np.isfinite(diagnostics.delay):
+            yield cause.line
 
 
 def _fallback(case):

@@ -212,9 +212,13 @@ class Cause(Shown):
 
     def _shown(self) -> Iterator[Piece]:
         yield Verdict(self._short(), good=False)
-        yield f"{self.sentence}. {self.remedy}"
-        if self.rivals:
-            yield self.doubt
+        yield self.line
+
+    @property
+    def line(self) -> str:
+        """What is wrong, what else it may be, and what to do, as one line."""
+        parts = (self.sentence, self.doubt.rstrip("."), self.remedy.rstrip("."))
+        return "".join(f"{part}. " for part in parts if part).rstrip()
 
     @property
     def advice(self) -> str:

@@ -56,36 +56,38 @@ def motion():
 
 def test_the_torques_of_an_arm_are_doubted_by_nothing(motion):
     q, torque = motion
-    assert fit_torque(DYNAMICS, q, torque, rig=RIG).doubts == ()
+    fit = fit_torque(DYNAMICS, q, torque, rig=RIG)
+    assert (fit.causes, fit.doubts) == ((), ())
 
 
 def test_torques_of_the_other_sign_are_those_of_no_arm(motion):
     q, torque = motion
-    sign, negative = fit_torque(DYNAMICS, q, -torque, rig=RIG, unknown=UNKNOWN).doubts
-    assert sign.startswith("the torques have the other sign")
+    fit = fit_torque(DYNAMICS, q, -torque, rig=RIG, unknown=UNKNOWN)
+    assert [cause.name for cause in fit.causes] == ["sign of the torques"]
+    (negative,) = fit.doubts
     assert "D(q) is negative" in negative
     assert "Change the sign of the torque" in negative
 
 
 def test_a_joint_of_the_other_sign_is_no_matter_of_all_torques(motion):
     q, torque = motion
-    sign, *others = fit_torque(DYNAMICS, q, torque * (1, -1), rig=RIG, unknown=UNKNOWN).doubts
-    assert sign.startswith("the torque of joint swing (q[1]) has the other sign")
-    assert not any("Change the sign of the torque" in doubt for doubt in others)
+    fit = fit_torque(DYNAMICS, q, torque * (1, -1), rig=RIG, unknown=UNKNOWN)
+    assert [(cause.name, cause.joints) for cause in fit.causes] == [("torque sign", (1,))]
+    assert not any("Change the sign of the torque" in doubt for doubt in fit.doubts)
 
 
 def test_exchanged_torques_are_named(motion):
     q, torque = motion
-    exchanged, *_ = fit_torque(DYNAMICS, q, torque[:, ::-1], rig=RIG).doubts
-    assert exchanged.startswith("the torques of joint lift (q[0]) and joint swing (q[1]) are")
+    cause, *_ = fit_torque(DYNAMICS, q, torque[:, ::-1], rig=RIG).causes
+    assert (cause.name, cause.joints) == ("exchanged torques", (0, 1))
 
 
 def test_torques_without_gravity_are_named(motion):
     """A driver that compensates gravity may log what is left."""
     q, torque = motion
     weight = np.array([np.ravel(ARM.h(pose, np.zeros(2))) for pose in q])
-    said, *_ = fit_torque(DYNAMICS, q, torque - weight, rig=RIG).doubts
-    assert said.startswith("gravity is taken out of the torques already")
+    cause, *_ = fit_torque(DYNAMICS, q, torque - weight, rig=RIG).causes
+    assert cause.name == "gravity removed"
 
 
 def test_currents_that_are_taken_for_torques_contradict_the_rotors(motion):

@@ -25,8 +25,8 @@ def log():
 
 
 def test_a_right_log_is_not_restated():
-    assert restated(DYNAMICS, log()) == []
-    assert restated(DYNAMICS, dataclasses.replace(log(), torque=None, current=None)) == []
+    assert restated(DYNAMICS, log()) == ()
+    assert restated(DYNAMICS, dataclasses.replace(log(), torque=None, current=None)) == ()
 
 
 def held():
@@ -56,7 +56,9 @@ def test_what_friction_holds_tells_no_sign():
 def test_gravity_the_other_way_is_named():
     wrong = dataclasses.replace(CHAIN, gravity=(0.0, 0.0, 9.81))
     (said,) = restated(Dynamics.from_chain(wrong), log())
-    assert said.startswith("gravity acts the other way. So stated, the equation of motion leaves ")
+    assert said.line.startswith(
+        "gravity acts the other way. So stated, the equation of motion leaves "
+    )
 
 
 def test_a_joint_that_turns_the_other_way_is_named():
@@ -69,7 +71,7 @@ def test_a_joint_that_turns_the_other_way_is_named():
         log(), current=None, reference=None, true_q=None, true_qd=None, **columns
     )
     (said,) = restated(DYNAMICS, wrong)
-    assert said.startswith(
+    assert said.line.startswith(
         "joint 3 (q[1]) turns the other way: its axis, or the signs of all its columns, are wrong."
     )
 
@@ -86,7 +88,7 @@ def test_a_zero_by_a_right_angle_is_named():
     equation = TorqueEquation.of(DYNAMICS, fast)
     q = equation.motion.q + np.array([np.pi / 2, 0.0])
     wrong = dataclasses.replace(equation, motion=equation.motion._replace(q=q))
-    (cause, *_), _ = contradictions(wrong)
+    cause, *_ = contradictions(wrong)
     assert (cause.name, cause.joints, cause.size) == ("joint zero", (0,), 90.0)
 
 
@@ -94,9 +96,8 @@ def test_two_mistakes_at_once_are_named_one_after_the_other():
     torque = log().torque[:, ::-1]
     wrong = dataclasses.replace(log(), current=None, torque=torque)
     upward = Dynamics.from_chain(dataclasses.replace(CHAIN, gravity=(0.0, 0.0, 9.81)))
-    causes, left = contradictions(TorqueEquation.of(upward, wrong))
+    causes = contradictions(TorqueEquation.of(upward, wrong))
     assert [cause.name for cause in causes] == ["exchanged torques", "gravity direction"]
-    assert left[0] > 2 * left[1] > 4 * left[2]
 
 
 def test_signs_are_named_where_a_sampled_law_tells_the_torque():
@@ -110,9 +111,9 @@ def test_signs_are_named_where_a_sampled_law_tells_the_torque():
     )
     made = simulate(puma560.literature_arm(1.5), puma560.rig(), law, puma560.reference())
     record = dataclasses.replace(made, torque=None, current=None)
-    assert restated(DYNAMICS, record) == []
+    assert restated(DYNAMICS, record) == ()
     wrong = dataclasses.replace(CHAIN, gravity=(0.0, 0.0, 9.81))
-    assert [said[:15] for said in restated(Dynamics.from_chain(wrong), record.cut(0.4))] == [
+    assert [said.line[:15] for said in restated(Dynamics.from_chain(wrong), record.cut(0.4))] == [
         "gravity acts th"
     ]
     turned = {
@@ -120,7 +121,9 @@ def test_signs_are_named_where_a_sampled_law_tells_the_torque():
         for name in ("error_pulses", "reference_pulses")
     }
     log = dataclasses.replace(record, reference=None, true_q=None, true_qd=None, **turned)
-    assert [said[:30] for said in restated(DYNAMICS, log)] == ["joint 3 (q[1]) turns the other"]
+    assert [said.line[:30] for said in restated(DYNAMICS, log)] == [
+        "joint 3 (q[1]) turns the other"
+    ]
 
 
 def said_of(factors):
@@ -163,9 +166,8 @@ def test_a_cause_that_explains_nearly_as_much_is_told():
     alone, beside = (dataclasses.replace(sign, rivals=rivals) for rivals in ((), ("gear",)))
     assert "Another cause" not in next(Detection(named=(alone,), joints=("a", "b")).warnings())
     said = next(Detection(named=(beside,), joints=("a", "b")).warnings())
-    assert said.endswith(
-        "log slower and faster motion as well. The log cannot distinguish this from: gear."
-    )
+    assert "The log cannot distinguish this from: gear." in said
+    assert said.endswith("log slower and faster motion as well.")
 
 
 def test_a_place_in_millimetres_is_refused():
