@@ -167,7 +167,7 @@ def test_a_cause_that_explains_nearly_as_much_is_told():
     assert "Another cause" not in next(Detection(named=(alone,), joints=("a", "b")).warnings())
     said = next(Detection(named=(beside,), joints=("a", "b")).warnings())
     assert "The log cannot distinguish this from: gear." in said
-    assert said.endswith("log slower and faster motion as well.")
+    assert said.endswith("To tell causes apart, log the same motion in both directions.")
 
 
 def test_a_place_in_millimetres_is_refused():
