@@ -60,7 +60,7 @@ class ComputedTorque(ModelLaw):
         360; with an identification: 145; with friction identified too: 120, or more where counts
         are finer than f and friction are known; with stated gears: 100. At most 0.3 over the
         period, and less on elastic gears. Above an inner loop, to whose stiffness the regulator's
-        is added: 120 of servos, 40 of MIT drives, at most 0.45 over the period.
+        is added: 120 of servos, 50 of MIT drives, at most 0.45 over the period.
     observer_ratio : float, optional
         Bandwidth of the observer over that of the regulator. Default: 1.3; with friction
         identified and rigid gears, but not above an inner loop: 1.

@@ -57,8 +57,8 @@ class DefaultGainSettings(Settings):
         Above position servos. The bandwidth is what the law adds to the servo's own stiffness;
         tests/benchmarks/servos.py --only so101.
     frames : Gains
-        Above drives that take MIT frames, likewise: unstated gears of 15 and of 28 Hz become
-        unstable with 80 rad/s; tests/benchmarks/servos.py --only elastic.
+        Above drives that take MIT frames, likewise: unstated gears of 15 Hz become unstable with
+        60 rad/s, those of 28 Hz with 80; tests/benchmarks/servos.py --only elastic.
     share : float
         Error [pulses] that one standard deviation of unmodelled acceleration may cause.
     margin : float
@@ -121,7 +121,7 @@ class DefaultGainSettings(Settings):
     elastic: Gains = Gains(100.0, 0.4)
     friction: Gains = Gains(120.0, 0.45, 1.0, 2.7, 40.0)
     goals: Gains = Gains(120.0, 0.2, 1.3, 2.0, 10.0)
-    frames: Gains = Gains(40.0, 0.2, 1.3, 2.0, 10.0)
+    frames: Gains = Gains(50.0, 0.2, 1.3, 2.0, 10.0)
     share: float = 0.28
     margin: float = 1.2
     period: float = 0.3

@@ -145,6 +145,7 @@ def _arm_system(
             f" {presliding.distance}. Leave presliding out, or take sampled=True."
         )
     # The simulator's own step, with a law that only holds the torque.
+    _Held(period=rig.period).block(rig).require_torque("to_control")
     loop = ClosedLoop(
         dynamics=arm.dynamics,
         rig=punctual_rig(rig),
@@ -189,6 +190,7 @@ def _law_system(law: Law, rig: Rig | None) -> control.NonlinearIOSystem:
     """Reference and pulses in, joint torque out."""
     rig = cast(Rig, instance("rig", rig, Rig, "Pass the rig that the law drives."))
     block = law.block(rig)
+    block.require_torque("to_control")
     n = rig.n
     q, qd, qdd, pulses = (ca.SX.sym(name, n) for name in ("q_r", "qd_r", "qdd_r", "pulses"))
     state = ca.SX.sym("law", len(block.initial))

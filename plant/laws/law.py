@@ -64,6 +64,14 @@ class Block:
     period: float | None
     sent: ca.Function | None = None
 
+    def require_torque(self, what: str) -> None:
+        """Refuse a block that sends goals or frames, for a target that takes torques alone."""
+        if self.sent is not None:
+            raise ValueError(
+                f"{what} needs a rig whose torque is the law's; this one has an inner loop, to which"
+                " goals or frames are sent. Run it with law.start."
+            )
+
 
 class Law(Part, abc.ABC):
     """Base of all laws: a new law is a `@part` class with ``period``, ``fields`` and ``equations``.

@@ -67,6 +67,7 @@ def write_c(
 def _values(law, rig, output, without, controller):
     """Values of the templates for a law alone."""
     block = law.block(rig)
+    block.require_torque("the C of a law")
     n = rig.n
     period = block.period or rig.period
     states = len(block.initial)

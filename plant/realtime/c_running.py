@@ -200,6 +200,7 @@ def values_of(
 ) -> dict[str, Any]:
     """Values of the templates for a running controller."""
     block = law.block(rig)
+    block.require_torque("the C of a controller")
     layout = Layout.of(block, rig.n)
     vector = initial_memory(law, rig, block, guards)
     pieces = pieces_of(law, rig, block, without)

@@ -469,7 +469,7 @@ def run_elastic(seconds):
                 arm, rig, stiffness=stiffness, pose=YAM_POSE, limits=YAM_LIMITS
             )
             rig = dataclasses.replace(rig, inner=drive)
-            for bandwidth in (None, 80.0, 20.0):
+            for bandwidth in (None, 60.0, 80.0):
                 start = laws(arm, rig, bandwidth=bandwidth)["computed torque"]
                 cells = compare(
                     lambda gears=gears: yam("S1", stiffness=gears),

@@ -22,6 +22,7 @@ from plant import (
     everyday_motions,
     replay,
     simulate,
+    to_control,
 )
 from plant.analysis.sampled_loops import SampledLoops
 
@@ -219,6 +220,22 @@ def test_refusals_of_inner_loops(make, words):
     with pytest.raises(ValueError, match=words) as error:
         make()
     assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize(
+    "target",
+    [
+        lambda law, loop, folder: law.to_c(folder, loop),
+        lambda law, loop, folder: law.to_c(folder, loop, guards=None),
+        lambda law, loop, folder: to_control(law, loop),
+        lambda law, loop, folder: to_control(ARM, loop, sampled=True),
+    ],
+)
+def test_targets_that_take_torques_alone_refuse_goals(target, tmp_path):
+    loop = rig()
+    with pytest.raises(ValueError, match="has an inner loop"):
+        target(ComputedTorque(ARM, loop), loop, tmp_path)
+    assert not list(tmp_path.iterdir())
 
 
 def test_torque_rig_has_no_goal():
