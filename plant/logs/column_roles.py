@@ -170,12 +170,12 @@ def role_of(name: str, values: Floats, unit: str | None) -> Role:
     quantity = _UNIT_QUANTITIES.get(unit or "", quantity)
     if quantity == "position" and unit is None and _are_counts(values):
         quantity = "counts"
-    known = _WORDS.keys() | _COMMANDED | _MEASURED
+    vocabulary = _WORDS.keys() | _COMMANDED | _MEASURED
     return Role(
         quantity=quantity,
         commanded=not _COMMANDED.isdisjoint(words),
         units=(unit,) if unit is not None else _likely_units(quantity, words, values),
-        group=(folder_of(name), *(word for word in words if word in known)),
+        group=(folder_of(name), *(word for word in words if word in vocabulary)),
     )
 
 
@@ -192,6 +192,7 @@ def time_unit(values: Floats) -> str:
         return unix
     steps = np.diff(values)
     step = float(np.median(steps[steps > 0])) if (steps > 0).any() else 0.0
+    # The usual periods are tried in all units before the rare ones: 1 is 1 ms rather than 1 s.
     for shortest, longest in SETTINGS.periods:
         for unit, per in TIME.items():
             if shortest <= step / per <= longest:
@@ -201,14 +202,16 @@ def time_unit(values: Floats) -> str:
 
 def _words(name: str) -> list[str]:
     """Words of a name, in lower case: ``actualQ_1`` and ``actual.q[1]`` have actual and q."""
+    # The bracket of a unit holds no word of the name; digits number the joints.
     plain = re.sub(r"([a-z])([A-Z])", r"\1 \2", without_unit(name)[0])
     return [word.lower() for word in re.findall(r"[^\W\d_]+", plain)]
 
 
 def _are_counts(values: Floats) -> bool:
+    # Encoders count, so positions that are all whole and cover a range are no angles.
     present = values[np.isfinite(values)]
-    whole = len(present) > 0 and bool((present == np.round(present)).all())
-    return whole and float(np.ptp(present)) > SETTINGS.min_counts
+    is_whole = len(present) > 0 and bool((present == np.round(present)).all())
+    return is_whole and float(np.ptp(present)) > SETTINGS.min_counts
 
 
 def _likely_units(quantity: str, words: Iterable[str], values: Floats) -> tuple[str, ...]:
@@ -234,6 +237,7 @@ def _likely_units(quantity: str, words: Iterable[str], values: Floats) -> tuple[
         )
     if quantity == "current":
         return ("A",) if largest <= SETTINGS.max_amperes else ("mA",)
+    # Speeds and the like have no field in a record, and need no unit.
     return ("pulses",) if quantity in ("counts", "error") else ()
 
 
@@ -269,6 +273,7 @@ def fields_of(roles: Mapping[str, Role], n: int | None) -> dict[str, list[str]]:
         ]
         return max(candidates, key=lambda c: c[:3], default=(0, 0, 0, []))[3]
 
+    # Counts come before angles, which a converter may have rounded.
     measured = best("counts", size=n) or best("position", size=n)
     size = len(measured) or n
     fields = {

@@ -77,6 +77,7 @@ class LogContents:
     rate: str
 
     def __str__(self) -> str:
+        # JSON of names and lists is Python as well, with double quotes.
         columns = json.dumps(dict(self.columns), ensure_ascii=False)
         units = json.dumps(dict(self.units), ensure_ascii=False)
         path = json.dumps(self.path, ensure_ascii=False)
@@ -108,13 +109,14 @@ class LogContents:
             for name, role in list(self.roles.items())[:_LISTED]
         ]
         cells += [(name, "", "", "no numbers") for name in self.text[:_LISTED]]
+        # Names and numbers are aligned; the role is last and needs no width.
         widths = [max(map(len, column)) for column in list(zip(*cells, strict=True))[:3]]
         lines = [f"{self.path}: {self.samples} rows", f"time: {self.rate}"]
         for cell in cells:
             padded = [text.ljust(width) for text, width in zip(cell, [*widths, 0], strict=True)]
             lines.append("  " + "  ".join(padded))
-        more = len(self.roles) + len(self.text) - len(cells)
-        return lines + [f"  and {more} more columns"] * (more > 0)
+        unlisted = len(self.roles) + len(self.text) - len(cells)
+        return lines + [f"  and {unlisted} more columns"] * (unlisted > 0)
 
     def _without_mapping(self) -> list[str]:
         times = [name for name, role in self.roles.items() if role.quantity == "time"]
@@ -147,6 +149,7 @@ def contents_of(
     if {"counts", "position", "motor_position"} & fields.keys():
         mapping = {f: names[0] if f == "t" else names for f, names in fields.items()}
         for field, names in fields.items():
+            # A likely unit that needs a constant cannot be stated yet, so the usual one is.
             unit = next(iter(roles[names[0]].units), "")
             if len(UNITS[field]) > 1:
                 stated[field] = unit if unit in UNITS[field] else UNITS[field][0]
@@ -173,6 +176,7 @@ def _likely(
         if roles[names[0]].quantity in ("position", "torque", "current"):
             together = np.concatenate([columns[name] for name in names])
             roles |= {name: role_of(name, together, units[name]) for name in names}
+    # Only now, since a word in any name is better evidence of a time than its values.
     roles = _with_time(columns, roles)
     return _of_one_length(fields_of(roles, n), columns, roles), roles
 
@@ -184,6 +188,7 @@ def _single_columns(table: LogTable) -> dict[str, NDArray[Any]]:
         if values.ndim == 1 or values.shape[1] == 1:
             columns[name] = values.reshape(len(values))
             continue
+        # A mapping names the columns of a block one by one: the rig may lack some of its joints.
         columns |= dict(zip(table.elements(name), values.T, strict=True))
     return columns
 
@@ -235,6 +240,7 @@ def _of_one_length(
 
 
 def _range(values: NDArray[Any]) -> tuple[float, float]:
+    # Missing cells are NaN; a column may have nothing else.
     finite = values[np.isfinite(values)]
     return (float(finite.min()), float(finite.max())) if len(finite) else (np.nan, np.nan)
 
@@ -251,6 +257,7 @@ def _rate(times: Floats | None, unit: str) -> str:
         return "it never increases"
     step = float(np.median(forward))
     text = f"every {_seconds(step)} ({1 / step:.6g} Hz) for {t[-1]:.6g} s"
+    # Jitter below a tenth of the period is that of any clock.
     low, high = np.quantile(forward, (0.05, 0.95))
     if high - low > step / 10:
         text += f", 90 % of the steps {_seconds(low)} to {_seconds(high)}"

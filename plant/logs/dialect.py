@@ -137,8 +137,8 @@ def dialect_of(path: str | Path) -> Dialect:
         heading = _heading(above, row, layout)
         # Names that hold a better separator are a heading of another width than the rows; so is
         # one name that holds any.
-        others = better if layout.width > 1 else [s for s in SEPARATORS if s is not None]
-        if heading is None or any(s in name for s in others for name in heading[0]):
+        foreign = better if layout.width > 1 else [s for s in SEPARATORS if s is not None]
+        if heading is None or any(s in name for s in foreign for name in heading[0]):
             problems.append(_no_heading(above, row, layout))
             better += [layout.separator] if layout.separator else []
             continue

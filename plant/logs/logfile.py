@@ -68,7 +68,7 @@ class LogTable(dict[str, NDArray[Any]]):
     def elements(self, name: str) -> list[str]:
         """Names of the columns of a block (N, k)."""
         width = self[name].shape[1]
-        labels = [other for other in self.available if other.startswith((f"{name}.", f"{name}["))]
+        labels = [label for label in self.available if label.startswith((f"{name}.", f"{name}["))]
         return labels if len(labels) == width else [f"{name}[{i}]" for i in range(width)]
 
     def text(self) -> tuple[str, ...]:

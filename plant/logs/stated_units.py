@@ -51,10 +51,10 @@ class StatedUnit:
         if self.factor is None:
             return value
         result = value * self.factor + self.offset
-        whole = np.round(result)
+        rounded = np.round(result)
         # A log of single precision holds scaled counts with an error of rounding.
-        is_whole = self.unit == "pulses" and np.nanmax(np.abs(result - whole), initial=0) < _NEAR
-        return whole if is_whole else result
+        is_whole = self.unit == "pulses" and np.nanmax(np.abs(result - rounded), initial=0) < _NEAR
+        return rounded if is_whole else result
 
 
 def stated_units(
@@ -67,6 +67,7 @@ def stated_units(
         word = _word(field, stated[field]) if field in stated else unit
         if isinstance(word, (str, tuple)) and word != unit:
             warn(f"units state {word!r} of {field!r}, its heading says {unit!r}; {word!r} is used")
+    # The user knows more than the heading: an exporter may convert and keep the old name.
     stated = headings | stated
     result = {}
     for field in columns:
@@ -167,6 +168,7 @@ def _with_constants(
         raise ValueError(
             f"unit of {field!r} must say what its constants mean; got {text!r:.60}. {advice}"
         )
+    # The constants are in a unit of the library; what they multiply may be anything.
     choice(f"unit of {field!r}", _base(match), allowed)
     return match, constants
 
@@ -190,6 +192,7 @@ def _stated(field: str, stated: Stated, n: int) -> StatedUnit:
         units = tuple(map(str, word))
         return StatedUnit(unit=units[0] if len(set(units)) == 1 else units)
     match, constants = word
+    # A range has an offset as well, so it needs both ends of every joint.
     if match.re is _RANGE:
         low, high = float(match[1]), float(match[2])
         ranges = _constants(field, constants, (n, 2), "a pair (least, most) per joint")
@@ -211,6 +214,7 @@ def _stated(field: str, stated: Stated, n: int) -> StatedUnit:
 def _constants(field: str, value: Any, shape: tuple[int, ...], expected: str) -> Floats:
     """Constants of all joints, given once or per joint."""
     try:
+        # Robot files give lists, scripts arrays; one number stands for all joints.
         numbers = np.asarray(value, float)
         constants = np.broadcast_to(numbers, shape)
     except (TypeError, ValueError):

@@ -1,6 +1,7 @@
 """Columns of a text table of any `Dialect`, such as loggers, drives and spreadsheets export."""
 
 import re
+from collections import Counter
 from collections.abc import Collection
 from pathlib import Path
 from typing import Any
@@ -35,11 +36,12 @@ def read_text(
         if wanted is None
         else {name: home for name in wanted if (home := home_of(name, names)) is not None}
     )
+    # Two names of a caller may mean one column, which is parsed once.
     homes = set(called.values())
     places = [i for i, name in enumerate(names) if name in homes]
     read = [names[i] for i in places]
     if len(homes) < len(read):
-        twice = max(read, key=read.count)
+        twice = Counter(read).most_common(1)[0][0]
         raise ValueError(f"has column {twice!r} twice; each may come once. Rename one.")
     rows = Rows(
         names,

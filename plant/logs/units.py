@@ -177,11 +177,11 @@ def require_span(
         # the positions are whole pulses.
         scale = LENGTH if joint_unit in LENGTH else ANGLE
         fits = [u for u in scale if span / per * scale[u] / scale[joint_unit] <= limit]
-        whole = [u for field, u in on_pulses() if field == name and u in fits]
-        fits = whole or fits
+        gridded = [u for field, u in on_pulses() if field == name and u in fits]
+        fits = gridded or fits
         counts = "Are they counts ('pulses')? A joint that does turn so far is logged in counts."
         advice = f"{' or '.join(map(repr, fits))} would fit." if fits else counts
-        if not whole and np.abs(q[:, joint]).max() <= CHECKS.max_normalised * scale[joint_unit]:
+        if not gridded and np.abs(q[:, joint]).max() <= CHECKS.max_normalised * scale[joint_unit]:
             advice += " Normalised positions need their ranges: {'-100 to 100 of deg': ranges}."
         got = f"spans {span / per:.3g} {size} of {labels[joint]}; at most {limit:g}"
         raise ValueError(f"{name} in {joint_unit!r} {got}. {advice}")
@@ -346,7 +346,7 @@ def _counted(field: str, value: NDArray[Any], unit: Unit, rig: Rig) -> Floats:
     position = to_pulses[motor](angle)
 
     def on_pulses() -> list[tuple[str, Unit]]:
-        return [key for key, other in _readings(field, value, unit, rig) if _is_motion(other)]
+        return [key for key, pulses in _readings(field, value, unit, rig) if _is_motion(pulses)]
 
     # The span is checked before the grid, so that the message speaks of the user's unit.
     q = rig.drive.joint_angle(angle) if motor else angle
@@ -391,16 +391,16 @@ def _readings(
     motor = "motor" in field
     to_pulses = {False: rig.position_in_pulses, True: rig.encoder.position_in_pulses}
     if unit in LENGTH:
-        for other in LENGTH:
-            yield (field, other), to_pulses[motor](value * LENGTH[other])
+        for word in LENGTH:
+            yield (field, word), to_pulses[motor](value * LENGTH[word])
         return
     # The position of a motor's shaft may have been mapped as that of the joint, or the reverse:
     # both are tried in all units, the mapped one before the other. The finest unit comes first:
     # whole pulses in gradians are whole in turns, too.
     names = {motor: field, not motor: "position" if motor else "motor_position"}
     for side, name in names.items():
-        for other in sorted(ANGLE, key=lambda word: ANGLE[word]):
-            yield (name, other), to_pulses[side](value * ANGLE[other])
+        for word in sorted(ANGLE, key=lambda word: ANGLE[word]):
+            yield (name, word), to_pulses[side](value * ANGLE[word])
 
 
 def _is_motion(position: Floats) -> bool:
