@@ -13,6 +13,7 @@ from identification.equation_error.naming import short_names
 from identification.equation_error.restated import restated
 from identification.planning.budget import pulse_budget
 from identification.results.assumed import Assumed, moved_by_lengths
+from identification.results.corrected import corrected
 from identification.results.diagnostics import Diagnostics
 from identification.results.plots import plot_identification
 from identification.results.summary import doubts, summary_of
@@ -229,6 +230,20 @@ class Identification(Shown, Saved, Frozen):
             *restated(self.arm.dynamics, self.records[0]),
             *self.diagnostics.detection.causes,
         )
+
+    @property
+    def corrected(self) -> tuple[Record, ...]:
+        """The records without the causes that are numbers of their rigs, or a delay.
+
+        A cause that the log hardly distinguishes from an unknown stays, as do elastic gears,
+        cogging and lengths, which a user states.
+        """
+        records = []
+        for record in self.records:
+            for sign in self.diagnostics.detection.named:
+                record = corrected(record, sign)
+            records.append(record)
+        return tuple(records)
 
     @functools.cached_property
     def warnings(self) -> list[str]:
