@@ -188,6 +188,13 @@ def test_it_draws_both_beside_a_model():
     plt.close(axes[0].figure)
 
 
+def test_two_periods_are_enough():
+    """Their difference shows the noise."""
+    response = frequency_response(injected_records(), skip=PERIODS - 2)
+    assert (response.plant_std > 0).all()
+    assert np.isfinite(response.plant_std).all()
+
+
 def without(**fields):
     return [dataclasses.replace(each, **fields) for each in injected_records()]
 
@@ -198,7 +205,7 @@ def without(**fields):
         (lambda: injected_records()[0], {}, "records must be as many as joints, 2; got 1"),
         (lambda: [injected_records()[0]] * 2, {}, "must excite all joints, each differently"),
         (lambda: injected_records(), {"period": 0.70001}, "whole number of samples"),
-        (lambda: injected_records(), {"skip": 5}, "two periods at least"),
+        (lambda: injected_records(), {"skip": PERIODS - 1}, "two periods at least"),
         (lambda: without(torque=None, current=None), {}, "torques or currents"),
         (lambda: without(valid=np.zeros(SAMPLES * PERIODS)), {}, "every sample"),
         (lambda: without(reference=None), {}, "period must be given"),
