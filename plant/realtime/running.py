@@ -47,8 +47,9 @@ class Running:
         asks for the brakes.
     goal : (n,) numpy.ndarray
         Goals [counts], whole numbers, of the last call, to be sent to position servos: a rig with a
-        `PositionServo` inside. In a stop without the law, goals at the counts, that give the stop's
-        torque. Of other rigs a ValueError.
+        `PositionServo` inside. In a stop without the law the servo holds where it was, with the
+        stop's torque; of guards that stop by "zero" it goes along with the counts. Of other rigs a
+        ValueError.
     frame : (5, n) numpy.ndarray
         Likewise the MIT frames (q, qd, kp, kd, tau) of the last call, as their fields round them,
         of a rig with a `MitDrive` inside.
@@ -220,6 +221,8 @@ class Running:
             refusal = self._step(*arguments, time, self._memory, self._torque)
             if refusal:
                 refuse(refusal, arguments, self.rig, self._run.now, time)
+            if self._released_at is None and self._run.released != HOLDING:
+                self._released_at = self.pulses
             if self._log is not None:
                 self._log.sample()
             return self._torque.copy()
@@ -266,7 +269,9 @@ class Running:
         motion = [self._row(field) for field in ("q", "qd", "qdd")]
         # A stop without the law has no reference, and before the first call there is none yet.
         if self._run.released != HOLDING or not self._run.calls:
-            motion = [self.rig.cell_centre(counts), np.zeros(self.n), np.zeros(self.n)]
+            limp = self.guards is not None and self.guards.stop == "zero"
+            rest = counts if limp or self._released_at is None else self._released_at
+            motion = [self.rig.cell_centre(rest), np.zeros(self.n), np.zeros(self.n)]
         sent = self._block.sent(*motion, counts, self._row("torque"), self._block.values)
         values: Floats = inner.values(self.rig, *np.split(sent.full()[:, 0], len(Frame._fields)))
         return values
@@ -305,6 +310,8 @@ class Running:
     def _set(self, counts: Floats) -> None:
         self._memory[:] = self._initial
         self._joints["counts"] = counts
+        # Counts at which a stop let go of the law.
+        self._released_at: Floats | None = None
 
     def _take(self, values: tuple[Any, ...], unknown: Mapping[str, Any]) -> None:
         """Take arguments of any kind."""

@@ -12,6 +12,7 @@ from ctc import ComputedTorque, FeedForward, Uncertainty, certify, evaluate
 from identification import identify
 from plant import (
     PD,
+    Guards,
     Harmonics,
     LoggedTorque,
     MitDrive,
@@ -196,6 +197,22 @@ def test_goals_are_whole_counts_at_most_the_torque_limit_away():
     free = law.start(loop, away, guards=None)
     free.step(away, (0.3, 0.2), (0, 0), (0, 0))
     assert np.abs(free.goal - away).max() <= np.ceil(3.35 / GAIN)
+
+
+def test_servo_holds_where_the_law_lets_go():
+    # Counts that go on jumping stop the law; the servo keeps the joint where it was.
+    loop = rig()
+    begin = loop.counts((0.3, 0.2))
+    held = {}
+    for stop in ("gravity", "zero"):
+        running = ComputedTorque(ARM, loop).start(loop, begin, guards=Guards(stop=stop))
+        for k in range(40):
+            running.step(begin + 500 * max(0, k - 5) ** 2, (0.3, 0.2), (0, 0), (0, 0))
+        assert running.stopped
+        held[stop] = running.goal
+    sag = ARM.h((0.3, 0.2), (0, 0)) / GAIN
+    np.testing.assert_allclose(held["gravity"], begin + sag, atol=2)
+    np.testing.assert_allclose(held["zero"], running.pulses, atol=2)
 
 
 # -- refusals --------------------------------------------------------------------------------------
