@@ -98,6 +98,8 @@ class Running:
         self._arguments = tuple(np.empty((len(ARGUMENTS), rig.n)))
         self._torque = np.empty(rig.n)
         self._log: RunLog | None = None
+        # Counts at which a stop let go of the law.
+        self._released_at: Floats | None = None
         self._set(counts)
 
     def to_c(
@@ -310,8 +312,7 @@ class Running:
     def _set(self, counts: Floats) -> None:
         self._memory[:] = self._initial
         self._joints["counts"] = counts
-        # Counts at which a stop let go of the law.
-        self._released_at: Floats | None = None
+        self._released_at = None
 
     def _take(self, values: tuple[Any, ...], unknown: Mapping[str, Any]) -> None:
         """Take arguments of any kind."""
