@@ -63,6 +63,8 @@ class AgreementSettings:
     usual : float
         Cost that an inertial without any mistake may have, if the other links of the file have no
         higher ones: a repair is no worse.
+    unusual : float
+        Cost that a repair never has: files whose shapes are dummies have high ones everywhere.
     rounding : float
         Share by which moments may miss the triangle inequality without a finding.
     dust : float
@@ -90,6 +92,7 @@ class AgreementSettings:
     coincidence: float = 15.0
     apart: float = 20.0
     usual: float = 6.0
+    unusual: float = 15.0
     rounding: float = 1e-3
     dust: float = 1e-5
     signs: int = 4
@@ -165,7 +168,8 @@ class Links(dict[str, CheckedLink]):
             if not proof_of(self[name], self)
         ]
         finite = [cost for cost in costs if np.isfinite(cost)]
-        return max(SETTINGS.usual, float(np.quantile(finite, 0.9))) if finite else SETTINGS.usual
+        usual = float(np.quantile(finite, 0.9)) if finite else 0.0
+        return min(max(SETTINGS.usual, usual), SETTINGS.unusual)
 
     @cached_property
     def signs_explain(self) -> bool:

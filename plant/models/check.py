@@ -349,7 +349,9 @@ def _possible(link: CheckedLink, links: Links) -> list[_Trial]:
             continue
         # Any mistake competes with none, which is more frequent.
         cost = cost_of(inertial, link, links) + SETTINGS.rare
-        sound = np.isfinite(cost) and not impossible(inertial, link, links)
+        # A shape of which a mesh shows more excludes no candidate.
+        alone = not link.whole
+        sound = np.isfinite(cost) and not impossible(inertial, link, links, alone=alone)
         if sound and not thinner(inertial, link.shape):
             trials.append(_Trial(cost, mistake, inertial))
     return trials
@@ -380,7 +382,8 @@ def _judged(link: CheckedLink, links: Links) -> ModelFinding | None:
                 evidence=evidence,
                 repair=_body(best.inertial),
             )
-        guess = _guess(link, links)
+        # A number that no mistake explains contradicts the other side, too: only none is replaced.
+        guess = _guess(link, links) if zero(stated) else None
         return ModelFinding(link=link.name, mistake=proof, evidence=np.inf, repair=guess)
     # Exactly the other side, or the filled shape, is a proof by itself; that all other links are as
     # large as their shapes is one beside a repair.
