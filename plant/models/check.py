@@ -18,7 +18,7 @@ import numpy as np
 
 from plant.mechanics.body import Body, inertia_matrix
 from plant.mechanics.model_tree import MOVING, deferred
-from plant.mechanics.urdf_file import INERTIA, origin_of
+from plant.mechanics.urdf_file import INERTIA, expanded, is_xacro, origin_of
 from plant.mechanics.xml_file import Element, numbers_of, parsed, spliced
 from plant.models.agreement import (
     NO_BODY,
@@ -147,6 +147,8 @@ class ModelCheck(Shown):
         # Refuse the target before the file is read, and read the file anew: its bytes are edited.
         path = require_new(target, overwrite)
         robot, data = parsed(self.path, "robot", "URDF")
+        if is_xacro(robot):
+            raise ValueError(f"path must be a URDF file; {self.path} is xacro. Expand it first.")
         links = {link.attributes.get("name", ""): link for link in robot.all("link")}
         edits = []
         for finding in self.findings:
@@ -178,7 +180,7 @@ def check_model(path: str | Path) -> ModelCheck:
     Raises
     ------
     ValueError
-        A file that is malformed, too large, or declares entities.
+        A file that is malformed, too large, or declares entities; xacro without its expander.
 
     See Also
     --------
@@ -195,6 +197,8 @@ def check_model(path: str | Path) -> ModelCheck:
     False
     """
     robot, _ = parsed(path, "robot", "URDF")
+    if is_xacro(robot):
+        robot, _ = parsed(path, "robot", "URDF", expanded(Path(path)))
     # 1. What the file states of each link, and what of it cannot be read.
     links, unread = _checked_links(robot)
     joints = [joint for joint in robot.all("joint") if joint.attributes.get("type") in MOVING]

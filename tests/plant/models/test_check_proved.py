@@ -284,6 +284,21 @@ def test_a_slip_and_what_is_no_number_are_named(tmp_path):
     assert all(finding.repair is None for finding in named.values())
 
 
+def test_the_numbers_of_a_macro_are_checked(tmp_path):
+    pytest.importorskip("xacrodoc")
+    links, joints = arm(np.random.default_rng(18))
+    path = written(tmp_path / "arm.urdf", links, joints)
+    head = '<robot name="r" xmlns:xacro="http://www.ros.org/wiki/xacro">'
+    head += '<xacro:property name="m" value="-2.0"/>'
+    mass = text_of(links["link3"][0])
+    text = path.read_text().replace('<robot name="r">', head).replace(f'"{mass}"', '"${m}"')
+    path.write_text(text)
+    check = check_model(path)
+    assert [finding.link for finding in check.findings] == ["link3"]
+    with pytest.raises(ValueError, match=r"is xacro\. Expand it first"):
+        check.write(tmp_path / "repaired.urdf")
+
+
 def test_models_of_strangers_are_read_or_refused_with_the_right_word():
     """46 variants with other numbers than the benchmark's."""
     pytest.importorskip("mujoco")
