@@ -238,12 +238,12 @@ def impossible(inertial: Inertial, link: CheckedLink, links: Links, *, alone: bo
         # Without a shape a link is no wider than the longest one of the robot, or half of the
         # longest way through it; and its mass is not farther away than that way.
         longest = links.reach
-        way = links.way
-        if not way:
+        if not links.way:
             return False
         width = float(np.sqrt(np.trace(spread)))
-        too_wide = width > max(SETTINGS.smallest, longest, way / 2)
-        return too_wide or bool(np.linalg.norm(inertial.com) > max(SETTINGS.farthest, way))
+        too_wide = width > max(SETTINGS.smallest, longest, links.way / 2)
+        far = max(SETTINGS.farthest, links.way)
+        return too_wide or bool(np.linalg.norm(inertial.com) > far)
     slack = SETTINGS.slack_alone if alone else _slack(link, links)
     # All of the link is in the larger shape.
     volume = link.shape.volume * (1 + 2 * slack) ** 3

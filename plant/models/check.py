@@ -37,6 +37,7 @@ from plant.models.agreement import (
 )
 from plant.models.edits import urdf_inertial
 from plant.models.hypotheses import (
+    DECIMAL_POINT,
     PARALLEL_AXIS,
     Inertial,
     joint_positions,
@@ -44,6 +45,7 @@ from plant.models.hypotheses import (
     partner_of,
     primitive,
     shape_of,
+    symmetric,
     ways,
     without_mistakes,
 )
@@ -294,8 +296,11 @@ def _name_common(findings: dict[str, ModelFinding], links: Links) -> None:
         for name, finding in findings.items()
         if finding.repair is None and finding.mistake == NO_BODY
     ]
-    # The two sides of a robot come from one macro, and are one witness.
-    witnesses = {min(name, partner_of(name, links) or name) for name in open_links}
+    # Copies of a link, and the two sides of a robot, come from one macro and are one witness.
+    witnesses = {
+        links[min(name, partner_of(name, links) or name)].stated.inertia.tobytes()
+        for name in open_links
+    }
     if len(witnesses) < 2:
         return
     explained = [{trial.mistake for trial in _possible(links[name], links)} for name in open_links]
@@ -349,7 +354,8 @@ def _possible(link: CheckedLink, links: Links) -> list[_Trial]:
     if stated is None or zero(stated):
         return []
     for mistake, inertial in without_mistakes(stated):
-        if mistake == PARALLEL_AXIS and links.signs_explain:
+        # The term is added to anything: only what became negative shows that it was taken off.
+        if mistake == PARALLEL_AXIS and (links.signs_explain or np.isfinite(stated.excess())):
             continue
         # Any mistake competes with none, which is more frequent.
         cost = cost_of(inertial, link, links) + SETTINGS.rare
@@ -370,13 +376,12 @@ def _judged(link: CheckedLink, links: Links) -> ModelFinding | None:
     trials = _possible(link, links)
     best = min(trials, key=lambda trial: trial.cost, default=None)
     exact = best is not None and coincides(best.inertial, link)
-    # A repair is unrivalled. A slip of the triangle inequality is of any number; and an inertia
-    # that is too small for its centre of mass leaves open which of the two is wrong.
-    certain = (
-        best is not None and _unrivalled(trials, best) and best.cost - SETTINGS.rare <= links.usual
+    certain = best is not None and (
+        _unrivalled(trials, best)
+        and best.cost - SETTINGS.rare <= links.usual
+        and cost_of(stated, link, links) > best.cost
+        and (exact or not _open(best, proof))
     )
-    if "triangle" in proof or (best is not None and best.mistake == PARALLEL_AXIS):
-        certain = certain and exact
     if proof:
         if best is not None and certain:
             evidence = cost_of(stated, link, links) - best.cost
@@ -399,6 +404,17 @@ def _judged(link: CheckedLink, links: Links) -> ModelFinding | None:
         return None
     repair = _body(best.inertial) if certain else None
     return ModelFinding(link=link.name, mistake=best.mistake, evidence=evidence, repair=repair)
+
+
+def _open(best: _Trial, proof: str) -> bool:
+    """Whether a mistake leaves open what the right number is, unless the file states it twice.
+
+    A slip of the triangle inequality may be of any number; an inertia that is too small for its
+    centre of mass is one of two; a decimal point explains many a number.
+    """
+    if "triangle" in proof or best.mistake == PARALLEL_AXIS:
+        return True
+    return best.mistake == DECIMAL_POINT and not symmetric(best.inertial)
 
 
 def _unrivalled(trials: list[_Trial], best: _Trial) -> bool:

@@ -86,6 +86,8 @@ _UNITS = (
     ("kg cm^2 for kg m^2 (inertia)", 1.0, 1.0, 1e-4),
 )
 
+DECIMAL_POINT = "a decimal point of a moment of inertia in the wrong place"
+
 # The inertia was about the centre of mass already, so that it became too small, or negative.
 PARALLEL_AXIS = "the parallel-axis term taken off twice"
 
@@ -142,10 +144,7 @@ def without_mistakes(stated: Inertial) -> Iterator[tuple[str, Inertial]]:
     for k, factor in itertools.product(range(3), (0.1, 0.01, 10.0, 100.0)):
         inertia = I.copy()
         inertia[k, k] *= factor
-        yield (
-            "a decimal point of a moment of inertia in the wrong place",
-            replace(stated, inertia=inertia),
-        )
+        yield DECIMAL_POINT, replace(stated, inertia=inertia)
 
     # 5. Mirrored links: all of the inertial, or the centre of mass alone.
     for axis in range(3):
@@ -158,6 +157,12 @@ def without_mistakes(stated: Inertial) -> Iterator[tuple[str, Inertial]]:
             Inertial(m, plane @ c, rotation, plane @ I @ plane),
         )
         yield (f"a centre of mass mirrored in {'xyz'[axis]}", replace(stated, com=plane @ c))
+
+
+def symmetric(inertial: Inertial) -> bool:
+    """Whether two moments are the same number: so no digit of the two is wrong."""
+    moments = np.sort(np.diag(inertial.inertia))
+    return bool((np.diff(moments) < 1e-6 * moments[2]).any())
 
 
 def _with_products(stated, products):
