@@ -298,7 +298,7 @@ def _name_common(findings: dict[str, ModelFinding], links: Links) -> None:
     ]
     # Copies of a link, and the two sides of a robot, come from one macro and are one witness.
     witnesses = {
-        links[min(name, partner_of(name, links) or name)].stated.inertia.tobytes()
+        links.stated[min(name, partner_of(name, links) or name)].inertia.tobytes()
         for name in open_links
     }
     if len(witnesses) < 2:
