@@ -297,10 +297,8 @@ def _name_common(findings: dict[str, ModelFinding], links: Links) -> None:
         if finding.repair is None and finding.mistake == NO_BODY
     ]
     # Copies of a link, and the two sides of a robot, come from one macro and are one witness.
-    witnesses = {
-        links.stated[min(name, partner_of(name, links) or name)].inertia.tobytes()
-        for name in open_links
-    }
+    # They differ in signs at most.
+    witnesses = {np.abs(links.stated[name].inertia).tobytes() for name in open_links}
     if len(witnesses) < 2:
         return
     explained = [{trial.mistake for trial in _possible(links[name], links)} for name in open_links]
