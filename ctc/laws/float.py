@@ -42,6 +42,10 @@ class FloatSettings(Settings):
     poses : int
         Poses, drawn within the limits of the joints, at which gravity is evaluated.
 
+    See Also
+    --------
+    ctc.Float
+
     Examples
     --------
     >>> from ctc import FloatSettings

@@ -68,6 +68,19 @@ class FloatVerdict(Shown, Frozen):
         Way after the release [pulses].
     drift : (A, n) numpy.ndarray
         Motion in the last part of the trial [pulses]; NaN where the simulation diverged.
+
+    See Also
+    --------
+    ctc.evaluate_float
+
+    Examples
+    --------
+    >>> from plant import puma560
+    >>> from ctc import Float, evaluate_float
+    >>> arm, rig = puma560.arm(), puma560.rig()
+    >>> verdict = evaluate_float(arm, Float(arm, rig, assist=0.5))
+    >>> bool(abs(verdict.floating).max() < abs(verdict.limp).max())
+    True
     """
 
     limp: Floats
@@ -126,13 +139,17 @@ def evaluate_float(
     ValueError
         A law that is no `Float`.
 
+    See Also
+    --------
+    ctc.Float, ctc.certify
+
     Examples
     --------
     >>> from plant import puma560
     >>> from ctc import Float, evaluate_float
     >>> arm, rig = puma560.arm(), puma560.rig()
-    >>> evaluate_float(arm, Float(arm, rig, assist=0.5)).rests
-    True
+    >>> evaluate_float(arm, Float(arm, rig, assist=0.5)).drift.shape
+    (20, 2)
     """
     instance("law", law, Float, "Give ctc.Float.")
     tip = array("tip", tip, (3,), advice="Give a point in the frame of the last link [m].")
