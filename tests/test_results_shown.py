@@ -50,6 +50,7 @@ from identification.results.model_files import WrittenModel
 from identification.results.physical import Physical
 from identification.search.outcome import GearResonance
 from plant import Body, Dynamics, puma560, simulate, visibility
+from plant.checkup.hypothesis import Cause, Rival
 from plant.models.check import ModelCheck, ModelFinding
 from plant.parts.shown import Shown, Verdict
 
@@ -200,6 +201,16 @@ RESULTS = {
     "Budget": lambda: pulse_budget(arm(), RIG, LAW, PATH, duration=0.5),
     "Campaign": lambda: Campaign(
         results={NASTY[0]: 1.0}, errors={NASTY[1]: f"ValueError: {NASTY[0]}"}
+    ),
+    "Cause": lambda: Cause(
+        name="gear",
+        joints=(1,),
+        size=0.97,
+        unit="",
+        log_odds=14.0,
+        sentence="the gear is not the rig's",
+        remedy="Count the teeth",
+        rivals=(Rival("length", (1,), 1.03, 12.0),),
     ),
     "Certificate": certificate,
     "Certificates": lambda: certify(
