@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plant.checkup.finding import Check, Finding
+from plant.checkup.innovation import SETTINGS as MOTION
 from plant.checkup.innovation import innovation, stopped
 from plant.checkup.signals import LEAST_MOTION, Signals
 from plant.parts.fields import Bools, Floats
@@ -63,19 +64,14 @@ class LeftOutSettings:
 
     Parameters
     ----------
-    neighbours : int
-        Rows to each side whose speeds are the speed across a gap.
     even : float
-        Deviation of the stamps from even times [intervals] up to which they hide a gap.
-    missing : float
-        Motion beyond that of one interval [intervals] from which on a row is missing.
+        Deviation of the stamps from even times [intervals] up to which they hide a gap, and motion
+        beyond that of one interval [intervals] from which on a row is missing.
     across : float
         Share of a jump's square that may lie across the direction of motion.
     """
 
-    neighbours: int = 4
     even: float = 0.5
-    missing: float = 0.6
     across: float = 0.1
 
 
@@ -250,7 +246,7 @@ def renumbered(signals: Signals, jumps: Sequence[Any]) -> NDArray[np.int_]:
     There several joints, or all, jump along their motion, or stop for a row that a logger repeated.
     `jumps`: rows of the jumps of each joint.
     """
-    reach = LEFT_OUT.neighbours
+    reach = MOTION.neighbours
     if signals.n < 2 or len(signals.t) < 10 * reach:
         return np.array([], int)
     # 1. Excess of each step over the motion, with the speed of the rows around it.
@@ -278,7 +274,7 @@ def renumbered(signals: Signals, jumps: Sequence[Any]) -> NDArray[np.int_]:
     even = np.abs(late) < LEFT_OUT.even
     even &= np.abs(spans / signals.interval - 1) < LEFT_OUT.even
     remaining = np.minimum(np.abs(gap), np.abs(np.convolve(gap, neighbours, mode="same")))
-    missing = remaining > LEFT_OUT.missing * signals.interval
+    missing = remaining > LEFT_OUT.even * signals.interval
     rows = np.flatnonzero(even & along & several & missing) + 1
 
     # 4. Jumps of all joints in one row have no other reason.

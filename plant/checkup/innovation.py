@@ -21,8 +21,16 @@ class MotionSettings:
     spike : float
         Deviation [standard deviations] that rounding and the usual noise do not cause. They are
         no white noise: twenty right logs reach 9.
+    neighbours : int
+        Rows to each side whose median speed is the speed of the motion, where a row is in doubt.
     mistimed : float
-        Jitter [median intervals] of the instant at which a count is read.
+        Jitter [median intervals] of the instant at which a count is read; a stamp that is further
+        off is late or early.
+    in_time : float
+        Share of the motion within the error of a stamp, up to which a count was read at the even
+        time. From one less this share on it was read at its stamp.
+    late : float
+        Step [median intervals] above which a sample of an even clock is missing.
     ordinary : float
         Acceleration [rad/s^2, or m/s^2 of a joint that slides] with which any arm may start or
         stop within a sample, however calm the rest of the log is. Robots' data sheets have 5 to 20.
@@ -40,7 +48,10 @@ class MotionSettings:
     """
 
     spike: float = 9.5
+    neighbours: int = 4
     mistimed: float = 0.2
+    in_time: float = 0.3
+    late: float = 1.5
     ordinary: float = 5.0
     full_speed: float = 0.98
     quantile: float = 0.98
@@ -136,14 +147,13 @@ def _acceleration(t, counts, least):
 def longest_line(t: Floats, counts: Floats) -> float:
     """Interval [s] across which straight lines between counts (N, n) replace the motion.
 
-    Zero where no joint moves, or the log is too short to tell.
+    It is `late` median intervals where no joint moves, the log is too short to tell, or the motion
+    allows less.
     """
-    # Fewer samples show no curvature.
     span = np.ptp(counts, axis=0) if len(t) > 8 else np.zeros(counts.shape[1])
     moves = span >= SETTINGS.moving
-    if not moves.any():
-        return 0.0
-    # A line across an interval T deviates by at most a T^2 / 8.
-    square = 8 * SETTINGS.line * span[moves]
     rms = acceleration(t, counts[:, moves])
-    return float(np.sqrt(square / rms).min()) if rms.all() else 0.0
+    # A line across an interval T deviates by at most a T^2 / 8.
+    line = np.sqrt(8 * SETTINGS.line * span[moves] / rms).min() if len(rms) and rms.all() else 0.0
+    shortest = SETTINGS.late * np.median(np.diff(t)) if len(t) > 1 else 0.0
+    return float(max(line, shortest))

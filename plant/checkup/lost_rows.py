@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from plant.checkup.counts import events
+from plant.checkup.innovation import SETTINGS as MOTION
 from plant.checkup.innovation import stopped
 from plant.checkup.quantisation import grid
 from plant.checkup.signals import Signals
@@ -37,27 +38,18 @@ class LostRowSettings:
         rows cannot be equal.
     follows : float
         Relative deviation from the motion up to which the next count catches up.
-    neighbours : int
-        Steps to each side whose median is the speed of the motion.
     off_reference : float
         Difference [pulses] between the logged and the stated reference of a lost row.
     other_reference : float
         Share of such rows above which the stated reference is another one.
-    late : float
-        Shift of a stamp [median intervals] from which on it is late or early.
-    in_time : float
-        Share of that shift by which the count of an even time may be off.
     turn : float
         Deviation of a jump from whole turns [turns] up to which the counter lost them.
     """
 
     fast: float = 2.0
     follows: float = 0.35
-    neighbours: int = 4
     off_reference: float = 1.0
     other_reference: float = 0.2
-    late: float = 0.2
-    in_time: float = 0.3
     turn: float = 0.02
 
 
@@ -86,7 +78,7 @@ def lost_rows(record) -> LostRows:
     lost = LostRows(packets, stuck, glitches, late, np.zeros((N, n)))
     rows = np.flatnonzero(record.valid > 0)
     # Fewer rows do not show what the motion is.
-    least_rows = 10 * SETTINGS.neighbours
+    least_rows = 10 * MOTION.neighbours
     if len(rows) < least_rows:
         return lost
 
@@ -223,7 +215,7 @@ def _repeats(column, t, limit):
     `t` (M,): their times [median intervals]; `limit`: fast motion per row.
     """
     # 1. The speed before and after each jump between two stretches of equal values.
-    reach = SETTINGS.neighbours
+    reach = MOTION.neighbours
     starts = np.append(0, np.flatnonzero(np.diff(column)) + 1)
     if len(starts) < 2 * reach + 2:
         return np.zeros(len(column), bool), np.zeros(len(column), bool)
@@ -260,7 +252,7 @@ def _late_stamps(signals):
         return late
     # One interval is longer, and the next as much shorter.
     shift = (steps[:-1] - steps[1:]) / 2
-    limit = SETTINGS.late * T
+    limit = MOTION.mistimed * T
     odd = (np.abs(shift) > limit) & (np.abs(steps[:-1] + steps[1:] - 2 * T) < limit)
     # Deviation of each count from the mean of its neighbours, and its prediction if stamp and count
     # belong together. The share of the prediction that is there says which of them is the case.
@@ -269,7 +261,7 @@ def _late_stamps(signals):
     power = (predicted**2).sum(axis=1)
     visible = power > (2 * SETTINGS.fast) ** 2
     measured = np.abs((deviation * predicted).sum(axis=1))
-    late[1:-1] = odd & visible & (measured < SETTINGS.in_time * power)
+    late[1:-1] = odd & visible & (measured < MOTION.in_time * power)
     return late
 
 

@@ -36,15 +36,12 @@ class SignalSettings:
         Length of the smoothing window [s].
     window_samples : int
         Least length of the smoothing window [samples].
-    late : float
-        Interval [median intervals] above which a sample of an even clock is missing.
     angles : float
         Range [counts] from which on broken numbers are scaled counts rather than angles.
     """
 
     window: float = 0.02
     window_samples: int = 21
-    late: float = 1.5
     angles: float = 2000
 
 
@@ -242,9 +239,8 @@ class Signals:
 
     @functools.cached_property
     def longest_line(self) -> float:
-        """Interval [s] across which straight lines replace the motion; at least 1.5 intervals."""
-        # Even stamps end a little late, too.
-        return max(SETTINGS.late * self.interval, longest_line(self.t, self.counts))
+        """Interval [s] across which straight lines replace the motion."""
+        return longest_line(self.t, self.counts)
 
     @functools.cached_property
     def tracking_slope(self) -> Floats:

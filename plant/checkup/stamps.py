@@ -8,7 +8,6 @@ import numpy as np
 from plant.checkup.finding import Check, Finding
 from plant.checkup.innovation import SETTINGS as MOTION
 from plant.checkup.lost_rows import MOST, LostRows
-from plant.checkup.signals import SETTINGS as SIGNALS
 from plant.checkup.signals import Signals
 
 
@@ -20,15 +19,12 @@ class StampSettings:
     ----------
     samples : int
         Samples below which a log is too short for a fit.
-    left_out : float
-        Samples without weight [%] to look at.
+    patchy : float
+        Samples without weight [%] to look at; samples that are missing [%], repeated or late, from
+        which on the log is broken.
     uneven : float
         Distance of the quartiles of the intervals [median intervals] above which the clock is
         uneven: its stamps are the times, and no row is missing for being late.
-    crowded : float
-        Interval [median intervals] of an even clock below which a sample is repeated.
-    missing : float
-        Missing samples [%] above which the log is broken rather than patchy.
     jitter : float
         Jitter of the intervals [%] to look at.
     period, other_period : float
@@ -40,23 +36,17 @@ class StampSettings:
         Rows to each side by which stamps may be shifted against counts.
     shift_evidence : float
         Sum of squared deviations [noise^2] of the intervals, from which on a shift is significant.
-    undecided : float
-        Distance of the regression coefficient from one half, within which the counts belong to
-        their stamps (1) in some rows, and to even times (0) in others.
     """
 
     samples: int = 200
-    left_out: float = 5.0
+    patchy: float = 5.0
     uneven: float = 0.2
-    crowded: float = 0.5
-    missing: float = 5.0
     jitter: float = 1.0
     period: float = 1e-3
     other_period: float = 2e-2
     certain: float = 3.0
     shifts: int = 2
     shift_evidence: float = 400.0
-    undecided: float = 0.2
 
 
 TIME = StampSettings()
@@ -75,7 +65,7 @@ def time_findings(signals: Signals) -> Iterator[Finding]:
     yield Check("samples left out", None, "%").graded(
         100 * (1 - np.mean(record.valid > 0)),
         "Many samples have weight 0; see why they were dropped.",
-        look=TIME.left_out,
+        look=TIME.patchy,
         wrong=50,
     )
     # Two intervals at least, to compare them.
@@ -125,7 +115,7 @@ def _intervals(signals, steps):
     N = len(steps) + 1
     even = _spread(steps) < TIME.uneven
     # Of an even clock a late row is lost; of an uneven one the motion says what is too late.
-    late = SIGNALS.late if even else signals.longest_line / signals.interval
+    late = MOTION.late if even else signals.longest_line / signals.interval
     gaps = steps[steps > late]
     missing = np.round(gaps).sum() - len(gaps)
     advice = (
@@ -139,18 +129,19 @@ def _intervals(signals, steps):
             f"In {len(gaps)} steps of up to {steps.max() * signals.interval:.3g} s the motion is"
             " not known; fits leave them out."
         )
-    wrong = TIME.missing if even else np.inf
+    wrong = TIME.patchy if even else np.inf
     yield Check("missing samples", None, "%").graded(share, advice, look=0, wrong=wrong)
-    crowded = int((steps < TIME.crowded).sum()) if even else 0
+    # Stamps of an even clock that round to no interval.
+    crowded = (np.round(steps) == 0) & even
     yield Check("crowded samples").graded(
-        crowded,
+        int(crowded.sum()),
         "Samples follow each other within half an interval; drop the second of each pair.",
         look=0,
-        wrong=0.05 * N,
+        wrong=TIME.patchy / 100 * N,
     )
     # Gaps and repeated samples have findings of their own.
     # The standard deviation is that of the stamps, not of the rows that are lost.
-    regular = (steps < late) & (steps > TIME.crowded * even)
+    regular = (steps < late) & ~crowded
     jitter = 100 * np.std(steps[regular] if regular.any() else steps)
     advice = (
         "Intervals jitter; use the logged times, or let the controller's clock stamp the samples."
@@ -167,10 +158,10 @@ def _rows_and_stamps(signals):
         return check.unknown("intervals are too alike")
     shift, coefficient = shifted
     # The counts move more in a longer interval: stamps and counts belong together.
-    if shift == 0 and coefficient > 0.5 + TIME.undecided:
+    if shift == 0 and coefficient > 1 - MOTION.in_time:
         return check.fine(0.0)
     # They move alike in all intervals: the stamps are late, not the counts.
-    if coefficient < 0.5 - TIME.undecided:
+    if coefficient < MOTION.in_time:
         advice = (
             "The stamps jitter, the samples do not: the counts come evenly; put t = row times"
             " interval."
@@ -227,8 +218,7 @@ def lost_findings(signals: Signals, lost: LostRows) -> Iterator[Finding]:
         "stuck samples": "Counts of a joint repeat although it moves, and catch up",
         "late stamps": "Stamps are late or early whose counts were taken in time",
     }
-    # More than every twentieth row is no accident.
-    limit = 0.05 * len(signals.record)
+    limit = TIME.patchy / 100 * len(signals.record)
     rows_by_cause = lost.packets, lost.stuck, lost.late
     for (name, cause), rows in zip(causes.items(), rows_by_cause, strict=True):
         yield Check(name).graded(int(rows.sum()), f"{cause}. {remedy}.", look=0, wrong=limit)

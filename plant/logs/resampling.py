@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from plant.checkup.innovation import SETTINGS as MOTION
 from plant.checkup.innovation import longest_line
 from plant.parts.fields import Floats
 from plant.parts.settings import frozen_settings
@@ -16,16 +17,12 @@ class ResamplingSettings:
 
     Parameters
     ----------
-    held : float
-        Step of t [nominal intervals] up to which a torque was held; across longer ones it changes
-        along a line.
     max_ratio : int
         Largest ratio of the new period and the nominal interval, in either direction.
     max_samples : int
         Largest number of new samples.
     """
 
-    held: float = 1.5
     max_ratio: int = 20
     max_samples: int = 1 << 25
 
@@ -60,9 +57,10 @@ def resampled_fields(record: Any, period: float) -> dict[str, Any]:
     share = np.where(share < 1e-9, 0.0, np.where(share > 1 - 1e-9, 1.0, share))
 
     steps = np.diff(t, append=t[-1])
-    long = steps > SETTINGS.held * nominal
+    # A torque was held up to here; across longer steps it changes along a line.
+    long = steps > MOTION.late * nominal
     # Late stamps lose nothing of a slow motion.
-    gap = long & (steps > longest_line(t, record.counts))
+    gap = steps > longest_line(t, record.counts)
 
     def between(value: Floats) -> Floats:
         return value[earlier] + share[:, None] * (value[later] - value[earlier])
