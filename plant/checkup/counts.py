@@ -1,8 +1,8 @@
 """Are the counts those of an encoder? Motion, glitches, jumps, standstill, clipping."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -67,11 +67,14 @@ class LeftOutSettings:
     even : float
         Deviation of the stamps from even times [intervals] up to which they hide a gap, and motion
         beyond that of one interval [intervals] from which on a row is missing.
+    usual : float
+        Quantile of the innovations that is no fault: many rows may lack.
     across : float
         Share of a jump's square that may lie across the direction of motion.
     """
 
     even: float = 0.5
+    usual: float = 0.9
     across: float = 0.1
 
 
@@ -131,7 +134,7 @@ def counts_findings(signals: Signals, bridged: Signals) -> Iterator[Finding]:
     """Yield the findings about counts; `bridged`: without lost packets and stuck samples."""
     # 1. Rows that several joints lack together, before each joint is judged alone.
     odd_rows = [events(bridged, i) for i in range(signals.n)]
-    left_out = renumbered(bridged, [joint.jumps for joint in odd_rows])
+    left_out = renumbered(bridged)
     yield _left_out(bridged, left_out)
 
     # 2. Motion, then outliers: their findings come check by check, as the table shows them.
@@ -240,11 +243,10 @@ def events(signals: Signals, i: int) -> Events:
     return Events(np.array(glitches, int) + 1, np.array(jumps, int) + 1, innovation, 0.0)
 
 
-def renumbered(signals: Signals, jumps: Sequence[Any]) -> NDArray[np.int_]:
+def renumbered(signals: Signals) -> NDArray[np.int_]:
     """Rows that follow left out, or repeated, rows which the stamps do not show.
 
-    There several joints, or all, jump along their motion, or stop for a row that a logger repeated.
-    `jumps`: rows of the jumps of each joint.
+    There several joints jump along their motion, or stop for a row that a logger repeated.
     """
     reach = MOTION.neighbours
     if signals.n < 2 or len(signals.t) < 10 * reach:
@@ -254,9 +256,7 @@ def renumbered(signals: Signals, jumps: Sequence[Any]) -> NDArray[np.int_]:
     # Beside a gap the local speed is wrong, so it is taken some rows away on both sides.
     padded = np.pad(signals.local_speed, ((reach, reach), (0, 0)), mode="edge")
     speed = (padded[: -2 * reach] + padded[2 * reach :]) / 2
-    # The usual excess is large where a loop oscillates.
-    steps = np.abs(np.diff(signals.counts, axis=0) - speed * spans[:, None])
-    excess, noise, arm, _ = innovation(signals, speed, np.quantile(steps, 0.9, axis=0) / 2.33)
+    excess, noise, arm, _ = innovation(signals, speed, LEFT_OUT.usual)
 
     # 2. The gap [s] that fits the excess of all joints, which must lie along the motion.
     power = np.maximum((speed**2).sum(axis=1), 1e-300)
@@ -275,11 +275,7 @@ def renumbered(signals: Signals, jumps: Sequence[Any]) -> NDArray[np.int_]:
     even &= np.abs(spans / signals.interval - 1) < LEFT_OUT.even
     remaining = np.minimum(np.abs(gap), np.abs(np.convolve(gap, neighbours, mode="same")))
     missing = remaining > LEFT_OUT.even * signals.interval
-    rows = np.flatnonzero(even & along & several & missing) + 1
-
-    # 4. Jumps of all joints in one row have no other reason.
-    common = set.intersection(*(set(rows_of_joint.tolist()) for rows_of_joint in jumps))
-    return np.union1d(rows, np.array([row for row in common if even[row - 1]], int))
+    return np.flatnonzero(even & along & several & missing) + 1
 
 
 def _runs(counts):
@@ -359,19 +355,18 @@ def _clipped(signals, i):
         SETTINGS.clipped_speed * signals.full_speed[i] * signals.interval,
         2 * signals.least_count[i] + stopped(signals.rig, signals.interval)[i],
     )
-    runs = [run for run in _runs(counts) if run.stop - run.start >= SETTINGS.plateau]
     clipped = 0.0
-    for extreme in (counts.min(), counts.max()):
-        for run in runs:
-            # Only a stretch at the extreme of the log is cut off.
-            if counts[run.start] != extreme:
-                continue
-            # A motion that turns by itself is slow beside its extreme.
-            end = run.stop - 1
-            approach = np.abs(np.diff(counts[max(run.start - 3, 0) : run.start + 1]))
-            departure = np.abs(np.diff(counts[end : end + 4]))
-            if all(len(s) and s.min() > 0 and s.mean() > fast for s in (approach, departure)):
-                clipped += t[end] - t[run.start]
+    extremes = counts.min(), counts.max()
+    for run in _runs(counts):
+        # Only a stretch at the extreme of the log is cut off.
+        if run.stop - run.start < SETTINGS.plateau or counts[run.start] not in extremes:
+            continue
+        # A motion that turns by itself is slow beside its extreme.
+        end = run.stop - 1
+        approach = np.abs(np.diff(counts[max(run.start - 3, 0) : run.start + 1]))
+        departure = np.abs(np.diff(counts[end : end + 4]))
+        if all(len(s) and s.min() > 0 and s.mean() > fast for s in (approach, departure)):
+            clipped += t[end] - t[run.start]
     advice = (
         "Peaks are cut off at one value: the converter's range, or a mechanical stop; leave these"
         " rows out."

@@ -19,8 +19,7 @@ class MotionSettings:
     Parameters
     ----------
     spike : float
-        Deviation [standard deviations] that rounding and the usual noise do not cause. They are
-        no white noise: twenty right logs reach 9.
+        Deviation [largest one of rounding, or of nearly all rows] that neither of them causes.
     neighbours : int
         Rows to each side whose median speed is the speed of the motion, where a row is in doubt.
     mistimed : float
@@ -47,7 +46,7 @@ class MotionSettings:
         sweep of 0.65 rad at 0.1 Hz (rms 0.5 rad/s^2) lines of 0.1 s keep within it.
     """
 
-    spike: float = 9.5
+    spike: float = 4.0
     neighbours: int = 4
     mistimed: float = 0.2
     in_time: float = 0.3
@@ -81,23 +80,20 @@ class Innovation(NamedTuple):
         return np.abs(self.size) > self.noise + self.arm + self.timing
 
 
-def innovation(signals: Any, speed: Floats, usual: Floats | None = None) -> Innovation:
+def innovation(signals: Any, speed: Floats, quantile: float = SETTINGS.quantile) -> Innovation:
     """Innovation of the counts, with their speeds (M - 1, n) [pulses/s] in each interval.
 
-    `usual` (n,): standard deviation of what is no fault; by default that of this innovation.
+    `quantile` of the innovations is no fault.
     """
     spans = np.diff(signals.t)[:, None]
     size = np.diff(signals.counts, axis=0) - speed * spans
-    if usual is None:
-        # The quantile leaves out the faults; it is that many deviations of a normal distribution.
-        usual = np.quantile(np.abs(size), SETTINGS.quantile, axis=0) / 2.33
-    # Both counts of a step are rounded.
-    std = np.maximum(signals.least_count / np.sqrt(6), usual)
+    # At least a count: both ends of a step are rounded.
+    usual = np.maximum(signals.least_count, np.quantile(np.abs(size), quantile, axis=0))
     # A stamp that is off shows in its own interval and in its neighbours.
     odd = np.abs(np.pad(spans, ((1, 1), (0, 0)), mode="edge") - signals.interval)
     odd = np.maximum(np.maximum(odd[:-2], odd[1:-1]), odd[2:])
     timing = np.abs(speed) * (SETTINGS.mistimed * signals.interval + odd)
-    return Innovation(size, SETTINGS.spike * std, stopped(signals.rig, spans), timing)
+    return Innovation(size, SETTINGS.spike * usual, stopped(signals.rig, spans), timing)
 
 
 def stopped(rig: Any, seconds: Any) -> Floats:

@@ -196,7 +196,7 @@ def _row_shift(signals):
     if power < TIME.shift_evidence:
         return None
     # Outliers are clipped to what the timing and the usual noise explain.
-    limit = np.abs(predicted).max() + MOTION.spike / 2
+    limit = np.abs(predicted).max() + MOTION.spike
     excess = np.clip(excess / noise, -limit, limit)
     shifts = range(-TIME.shifts, TIME.shifts + 1)
     slopes = [np.sum(excess * np.roll(predicted, shift, axis=0)) / power for shift in shifts]

@@ -376,9 +376,8 @@ def _table(file):
     table = {key.rpartition(".")[2]: column for key, column in table.items()}
     # Some rows of the Panda repeat the one before, and the motion goes on one row later.
     new = np.append(True, np.diff(table["position"], axis=0).any(axis=1))
-    return {key: table[key][new] for key in ("position", "effort")} | {
-        "stamp": table["stamp"][: new.sum()]
-    }
+    stamps = np.arange(new.sum()) * np.median(np.diff(table["stamp"]))
+    return {key: table[key][new] for key in ("position", "effort")} | {"stamp": stamps}
 
 
 def bag(folder, name, cause, seed):
@@ -392,7 +391,7 @@ def bag(folder, name, cause, seed):
     )  # fmt: skip
     period = 1e-9 * float(np.median(np.diff(table["stamp"])))
     rig = Rig(
-        drive=drive, encoder=Encoder(resolution=2.0**17 * one, rounding="round"), period=period
+        drive=drive, encoder=Encoder(resolution=2.0**16 * one, rounding="round"), period=period
     )
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
