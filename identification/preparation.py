@@ -20,9 +20,9 @@ from identification.search.genetic import GeneticSettings
 from identification.search.methods import METHODS
 from identification.search.problem import Problem, Tolerances
 from plant import Dynamics, Record
+from plant.checkup.innovation import LEAST_MOTION
 from plant.checkup.lost_rows import bridged
 from plant.checkup.oscillation import own_oscillations
-from plant.checkup.signals import LEAST_MOTION
 from plant.parts import array, choice, frozen_settings, instance, warn
 from plant.parts.room import require_room
 from plant.simulation.followed_path import with_path

@@ -31,7 +31,8 @@ from plant.checkup.hypothesis import (
     ranking,
     whole,
 )
-from plant.checkup.signals import LEAST_MOTION, Signals
+from plant.checkup.innovation import LEAST_MOTION
+from plant.checkup.signals import Signals
 from plant.motion.reference import Motion
 from plant.parts.fields import Bools, Floats, Integers
 

@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plant.checkup.finding import Check, Finding
+from plant.checkup.innovation import LEAST_MOTION, innovation, stopped
 from plant.checkup.innovation import SETTINGS as MOTION
-from plant.checkup.innovation import innovation, stopped
-from plant.checkup.signals import LEAST_MOTION, Signals
+from plant.checkup.signals import Signals
 from plant.parts.fields import Bools, Floats
 from plant.parts.sums import products
 

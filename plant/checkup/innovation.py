@@ -23,24 +23,22 @@ class MotionSettings:
     neighbours : int
         Rows to each side whose median speed is the speed of the motion, where a row is in doubt.
     mistimed : float
-        Jitter [median intervals] of the instant at which a count is read; a stamp that is further
-        off is late or early.
+        Jitter [median intervals] of the instant at which a count is read. A stamp that is further
+        off is late or early; a clock is uneven whose quartiles are further apart.
     in_time : float
-        Share of the motion within the error of a stamp, up to which a count was read at the even
-        time. From one less this share on it was read at its stamp.
+        Share of the motion within a doubtful time up to which a count is where the motion was: at
+        the even time of a stamp that is off, or behind a row that repeats. From one less this share
+        on a count was read at its stamp.
     late : float
         Step [median intervals] above which a sample of an even clock is missing.
     ordinary : float
         Acceleration [rad/s^2, or m/s^2 of a joint that slides] with which any arm may start or
         stop within a sample, however calm the rest of the log is. Robots' data sheets have 5 to 20.
-    full_speed : float
-        Quantile of the speeds that is the full speed of a joint; faults may be faster.
     quantile : float
-        Share of the deviations that are the motion's; the others may be faults of the log.
+        Share of the deviations, and of the speeds, that are the motion's; the others may be faults
+        of the log.
     visible : float
         Mean square of these deviations [variances of rounding] from which on they show the motion.
-    moving : float
-        Range [least counts] from which on a joint moves.
     line : float
         Deviation [ranges of the joint] up to which a straight line replaces the motion. Of a
         sweep of 0.65 rad at 0.1 Hz (rms 0.5 rad/s^2) lines of 0.1 s keep within it.
@@ -52,14 +50,15 @@ class MotionSettings:
     in_time: float = 0.3
     late: float = 1.5
     ordinary: float = 5.0
-    full_speed: float = 0.98
     quantile: float = 0.98
     visible: float = 8.0
-    moving: float = 20.0
     line: float = 1e-3
 
 
 SETTINGS = MotionSettings()
+
+LEAST_MOTION = 20
+"""Counts that a motor has to move, at least."""
 
 
 class Innovation(NamedTuple):
@@ -147,7 +146,7 @@ def longest_line(t: Floats, counts: Floats) -> float:
     allows less.
     """
     span = np.ptp(counts, axis=0) if len(t) > 8 else np.zeros(counts.shape[1])
-    moves = span >= SETTINGS.moving
+    moves = span >= LEAST_MOTION
     rms = acceleration(t, counts[:, moves])
     # A line across an interval T deviates by at most a T^2 / 8.
     line = np.sqrt(8 * SETTINGS.line * span[moves] / rms).min() if len(rms) and rms.all() else 0.0

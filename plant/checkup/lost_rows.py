@@ -36,8 +36,6 @@ class LostRowSettings:
     fast : float
         Motion [steps of the counts per row], beyond what the arm stops in a row, from which on two
         rows cannot be equal.
-    follows : float
-        Relative deviation from the motion up to which the next count catches up.
     off_reference : float
         Difference [pulses] between the logged and the stated reference of a lost row.
     other_reference : float
@@ -47,7 +45,6 @@ class LostRowSettings:
     """
 
     fast: float = 2.0
-    follows: float = 0.35
     off_reference: float = 1.0
     other_reference: float = 0.2
     turn: float = 0.02
@@ -232,7 +229,7 @@ def _repeats(column, t, limit):
     # is that of its whole length rather than that of one row.
     fast = (np.minimum(np.abs(incoming), np.abs(outgoing)) >= limit) & (incoming * outgoing > 0)
     off = np.abs(jump - length * mean)
-    tolerance = limit + SETTINGS.follows * np.abs(length * mean)
+    tolerance = limit + MOTION.in_time * np.abs(length * mean)
     follows = (off <= tolerance) & (off < np.abs(jump - mean))
 
     # 3. Back to rows; the first row of a stretch is a measurement.

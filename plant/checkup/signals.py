@@ -11,8 +11,8 @@ from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
+from plant.checkup.innovation import LEAST_MOTION, Innovation, innovation, longest_line
 from plant.checkup.innovation import SETTINGS as MOTION
-from plant.checkup.innovation import Innovation, innovation, longest_line
 from plant.checkup.torque_regression import AveragedRegression, TorqueRegression
 from plant.laws.replayed import commanded_torque
 from plant.parts.fields import Bools, Floats
@@ -21,9 +21,6 @@ T = TypeVar("T")
 
 TRACKING = 0.2
 """Deviation of the slope of counts over reference from 1, above which they do not track it."""
-
-LEAST_MOTION = 20
-"""Counts that a motor has to move, at least."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -235,7 +232,7 @@ class Signals:
     @functools.cached_property
     def full_speed(self) -> Floats:
         """Full speed of each joint (n,) [pulses/s]."""
-        return np.quantile(np.abs(self.local_speed), MOTION.full_speed, axis=0)
+        return np.quantile(np.abs(self.local_speed), MOTION.quantile, axis=0)
 
     @functools.cached_property
     def longest_line(self) -> float:

@@ -22,9 +22,6 @@ class StampSettings:
     patchy : float
         Samples without weight [%] to look at; samples that are missing [%], repeated or late, from
         which on the log is broken.
-    uneven : float
-        Distance of the quartiles of the intervals [median intervals] above which the clock is
-        uneven: its stamps are the times, and no row is missing for being late.
     jitter : float
         Jitter of the intervals [%] to look at.
     period, other_period : float
@@ -40,7 +37,6 @@ class StampSettings:
 
     samples: int = 200
     patchy: float = 5.0
-    uneven: float = 0.2
     jitter: float = 1.0
     period: float = 1e-3
     other_period: float = 2e-2
@@ -113,7 +109,7 @@ def _spread(steps):
 def _intervals(signals, steps):
     """Yield the findings about intervals (N - 1,) [median intervals]."""
     N = len(steps) + 1
-    even = _spread(steps) < TIME.uneven
+    even = _spread(steps) < MOTION.mistimed
     # Of an even clock a late row is lost; of an uneven one the motion says what is too late.
     late = MOTION.late if even else signals.longest_line / signals.interval
     gaps = steps[steps > late]

@@ -8,8 +8,9 @@ import numpy as np
 from plant.checkup.counts import hardly_asked
 from plant.checkup.finding import Check, Finding, unless
 from plant.checkup.hypothesis import Cause, Ranking
+from plant.checkup.innovation import LEAST_MOTION
 from plant.checkup.score import Experiment
-from plant.checkup.signals import LEAST_MOTION, TRACKING, Signals
+from plant.checkup.signals import TRACKING, Signals
 from plant.checkup.without_arm import counts_in_time, delays, lag
 from plant.laws.law import block_of
 
