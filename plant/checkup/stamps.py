@@ -71,12 +71,12 @@ def time_findings(signals: Signals) -> Iterator[Finding]:
             yield Check(name).unknown("fewer than three samples")
         return
     steps = np.diff(record.t) / signals.interval
-    yield _period(signals, steps)
+    yield _period(signals)
     yield from _intervals(signals, steps)
     yield _rows_and_stamps(signals)
 
 
-def _period(signals, steps):
+def _period(signals):
     """Median interval against the rig's period [ms]."""
     # The median is that of regular rows, however many are missing.
     ratio = signals.interval / signals.rig.period
@@ -91,13 +91,19 @@ def _period(signals, steps):
     else:
         cause = f"The rig says {signals.rig.period * 1e3:.6g} ms"
         advice = f"{cause}; correct rig.period, or resample the log."
-    # Standard deviation of a median, from the quartiles of the intervals.
-    chance = TIME.certain * 1.25 * _spread(steps) / 1.35 / np.sqrt(len(steps))
+    chance = chance_of_period(signals)
     # The ratio is judged, and the interval is shown.
     finding = Check("period", None, "ms").graded(
         ratio - 1, advice, look=TIME.period + chance, wrong=TIME.other_period + chance, cause=cause
     )
     return replace(finding, value=signals.interval * 1e3)
+
+
+def chance_of_period(signals: Signals) -> float:
+    """Relative error of the median interval that scattered stamps cause."""
+    steps = np.diff(signals.record.t) / signals.interval
+    # Standard deviation of a median, from the quartiles of the intervals.
+    return float(TIME.certain * 1.25 * _spread(steps) / 1.35 / np.sqrt(len(steps)))
 
 
 def _spread(steps):

@@ -22,6 +22,7 @@ from plant.checkup.hypothesis import (
 from plant.checkup.quantisation import STEP_NOTE, grid
 from plant.checkup.rounding import rounding_log_odds
 from plant.checkup.score import Experiment
+from plant.checkup.stamps import chance_of_period
 from plant.checkup.torque_regression import TorqueRegression, least_squares
 from plant.laws.law import block_of
 from plant.parts.fields import Floats
@@ -591,7 +592,7 @@ def time_unit_evidence(experiment: Experiment, joints: Joints) -> Iterator[tuple
 def period_evidence(experiment: Experiment, joints: Joints) -> Iterator[tuple[float, float]]:
     """Log odds of another period of the rig, by the median interval of the stamps."""
     ratio = _interval_ratio(experiment)
-    if 1e-3 < abs(np.log(ratio)) < 3:
+    if 1e-3 + chance_of_period(experiment.signals) < abs(np.log(ratio)) < 3:
         yield float(ratio), abs(float(np.log(ratio))) * 1e3 * _PER_E_FOLD
 
 
