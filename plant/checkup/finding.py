@@ -28,9 +28,6 @@ class Finding(Shown):
         "fine", "look", "wrong", or "cannot tell: " and the reason.
     advice : str
         One sentence that says what to do; empty where there is nothing to do.
-    cause : str
-        The beginning of the advice, which names the fault and no remedy yet. `corrections` puts the
-        remedy that helped behind it. Empty where the advice stays as it is.
     """
 
     check: str
@@ -39,7 +36,6 @@ class Finding(Shown):
     unit: str
     verdict: str
     advice: str = ""
-    cause: str = ""
 
     @property
     def ok(self) -> bool:
@@ -68,7 +64,7 @@ class Check(NamedTuple):
     joint: int | None = None
     unit: str = ""
 
-    def finding(self, value: Any, verdict: str, advice: str = "", cause: str = "") -> Finding:
+    def finding(self, value: Any, verdict: str, advice: str = "") -> Finding:
         """A finding of this check; the value becomes a plain float."""
         # numpy numbers would print their type in a list of findings.
         value = None if value is None else float(value)
@@ -79,24 +75,19 @@ class Check(NamedTuple):
             unit=self.unit,
             verdict=verdict,
             advice=advice,
-            cause=cause,
         )
 
     def fine(self, value: Any = None) -> Finding:
         """There is nothing to do."""
         return self.finding(value, "fine")
 
-    def look(self, value: Any, advice: str, cause: str = "") -> Finding:
+    def look(self, value: Any, advice: str) -> Finding:
         """There may be a fault, which a user has to look at."""
-        return self.finding(value, "look", advice, cause)
+        return self.finding(value, "look", advice)
 
-    def wrong(self, value: Any, advice: str, cause: str = "") -> Finding:
+    def wrong(self, value: Any, advice: str) -> Finding:
         """There is a fault."""
-        return self.finding(value, "wrong", advice, cause)
-
-    def wrong_sign(self, value: Any, cause: str, column: str) -> Finding:
-        """A column, or one of several, has the wrong sign."""
-        return self.wrong(value, sign_advice(cause, column), cause)
+        return self.finding(value, "wrong", advice)
 
     def unknown(self, reason: str, value: Any = None) -> Finding:
         """This record does not allow the check."""
@@ -104,18 +95,11 @@ class Check(NamedTuple):
         check = self._replace(unit="") if value is None else self
         return check.finding(value, f"cannot tell: {reason}")
 
-    def graded(
-        self, value: Any, advice: str, look: float, wrong: float = math.inf, cause: str = ""
-    ) -> Finding:
+    def graded(self, value: Any, advice: str, look: float, wrong: float = math.inf) -> Finding:
         """Judge the size of a value: fine up to `look`, wrong above `wrong`."""
         if abs(value) > wrong:
-            return self.wrong(value, advice, cause)
-        return self.look(value, advice, cause) if abs(value) > look else self.fine(value)
-
-
-def sign_advice(cause: str, column: str) -> str:
-    """Advice for a wrong sign: its cause, and the columns one of which has it."""
-    return f"{cause}: change the sign of {column}."
+            return self.wrong(value, advice)
+        return self.look(value, advice) if abs(value) > look else self.fine(value)
 
 
 def unless(reason: str, names: Iterable[str], findings: Iterable[Finding]) -> Iterator[Finding]:

@@ -154,7 +154,7 @@ def log_odds(
     return chi_square / 2 - occam - against
 
 
-def _power(log_odds):
+def _power(log_odds: float) -> str:
     power = log_odds / np.log(10)
     # No model of a log is right to more digits.
     return f"1e{power:.0f}" if power < 100 else "over 1e99"
@@ -323,7 +323,7 @@ def ranking(
     return Ranking(tuple(causes), tuple(experiments), accepted=tuple(accepted))
 
 
-def _cause(ranked, labels, settings):
+def _cause(ranked: list[Candidate], labels: tuple[str, ...], settings: SelectionSettings) -> Cause:
     """The likeliest candidate, and the others that the log does not exclude."""
     best = ranked[0]
     hypothesis = best.hypothesis
@@ -353,7 +353,7 @@ def _cause(ranked, labels, settings):
     )
 
 
-def _rival(candidate, best):
+def _rival(candidate: Candidate, best: Hypothesis[Any]) -> Rival:
     """A candidate beside the best hypothesis."""
     rival = candidate.hypothesis
     measurement = best.measurement or rival.measurement

@@ -31,10 +31,12 @@ class ScoreSettings:
     ----------
     rows : int
         Rows of the filtered log that are compared, at most.
+    coupled : int
+        Joints up to which the regression has inertias that depend on the pose.
     per_window : int
         Rows taken from a filter's window: more of them are not independent.
-    dependent : float
-        Samples that count as one equation, since residuals of neighbours are alike.
+    dependent, dependent_motion : float
+        Samples that count as one equation, since residuals of neighbours are alike; of the motion.
     tracking, command, steps, motion : float
         Share of the variance (0 to 1) that each equation leaves unexplained in a right log: by lag
         of the loop; by rounding; by the unknown memory of a law; by pose and couplings that the
@@ -58,8 +60,10 @@ class ScoreSettings:
     """
 
     rows: int = 800
+    coupled: int = 3
     per_window: int = 7
     dependent: float = 7.0
+    dependent_motion: float = 70.0
     tracking: float = 3e-2
     command: float = 1e-4
     steps: float = 1e-2
@@ -288,7 +292,9 @@ class Experiment:
         absolute = np.cumsum(angle, axis=1)
         angles = [absolute] if self.n < 3 else [absolute, absolute[:, 1:] - angle[:, :1]]
         gravity = [function(each) for each in angles for function in (np.sin, np.cos)]
-        shared = np.column_stack([np.ones(len(angle)), *gravity])
+        shared = np.column_stack(
+            [np.ones(len(angle)), *gravity, *self._coupling(angle, speed, acceleration)]
+        )
         return [
             _regression(
                 np.column_stack([acceleration[:, i], speed[:, i], direction[:, i]]),
@@ -298,6 +304,24 @@ class Experiment:
             )
             for i in range(self.n)
         ]
+
+    def _coupling(self, angle, speed, acceleration):
+        """Columns of an inertia that depends on the pose, and of the Coriolis torques with it.
+
+        A log of many joints has too many of them.
+        """
+        if self.n > SETTINGS.coupled:
+            return
+        products = [
+            speed[:, i] * speed[:, j]
+            for i, j in itertools.combinations_with_replacement(range(self.n), 2)
+        ]
+        # The first joint's angle does not change the inertia.
+        for function in (np.cos, np.sin):
+            for column in function(angle[:, 1:]).T:
+                # Without its mean the coefficient of the acceleration alone is a mean over the log.
+                pose = column - column.mean()
+                yield from (pose * term for term in (*acceleration.T, *products))
 
     # -- the score --------------------------------------------------------------------------------
     @functools.cached_property
@@ -313,7 +337,9 @@ class Experiment:
             terms["command"] = -half * np.log(share + floor)
         if self.motions is not None:
             unexplained = np.array([motion.unexplained for motion in self.motions])
-            terms["motion"] = -half * np.log(unexplained + SETTINGS.motion)
+            # What the regression lacks changes with the pose, and so does its residual.
+            share = SETTINGS.dependent / SETTINGS.dependent_motion
+            terms["motion"] = -share * half * np.log(unexplained + SETTINGS.motion)
             drive = self.record.rig.drive
             terms["inertia"] = np.array(
                 [

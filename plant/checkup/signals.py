@@ -13,7 +13,7 @@ import numpy as np
 
 from plant.checkup.innovation import LEAST_MOTION, Innovation, innovation, longest_line
 from plant.checkup.innovation import SETTINGS as MOTION
-from plant.checkup.torque_regression import AveragedRegression, TorqueRegression
+from plant.checkup.torque_regression import TorqueRegression
 from plant.laws.replayed import commanded_torque
 from plant.parts.fields import Bools, Floats
 
@@ -266,24 +266,6 @@ class Signals:
         return [
             None if unusable[i] else TorqueRegression.of(self, torque, i) for i in range(self.n)
         ]
-
-    @functools.cached_property
-    def averaged(self) -> list[AveragedRegression] | None:
-        """`AveragedRegression` of each motor; None for a short log, or where the law has no memory.
-
-        The torque of such a law is the better evidence.
-        """
-        if self.torque is None or self.commanded is not None or None in self.regressions:
-            return None
-        return AveragedRegression.all_of(self, self.torque)
-
-    def regression(self, i: int) -> Any:
-        """The regression of motor i with the smaller relative error of its inertia; or None."""
-        if self.averaged is None:
-            return self.regressions[i]
-        # Each of the two is the better one for some arms: a slow one, or one that swings freely.
-        fits: tuple[Any, ...] = self.regressions[i], self.averaged[i]
-        return max(fits, key=lambda fit: abs(fit.inertia[i]) / max(fit.inertia_std[i], 1e-300))
 
     @functools.cached_property
     def noise(self) -> Floats:

@@ -84,17 +84,17 @@ def _period(signals):
     # Milliseconds or microseconds are a power of a thousand, but for 0.03 * 3 decades.
     if abs(thousands) > 0.5 and abs(thousands - round(thousands)) < 0.03:
         factor = 1e3 ** round(thousands)
-        cause = advice = (
+        advice = (
             f"Times are {factor:g} times what the rig's period says: give seconds (divide t by"
             f" {factor:g})."
         )
     else:
-        cause = f"The rig says {signals.rig.period * 1e3:.6g} ms"
-        advice = f"{cause}; correct rig.period, or resample the log."
+        stated = signals.rig.period * 1e3
+        advice = f"The rig says {stated:.6g} ms; correct rig.period, or resample the log."
     chance = chance_of_period(signals)
     # The ratio is judged, and the interval is shown.
     finding = Check("period", None, "ms").graded(
-        ratio - 1, advice, look=TIME.period + chance, wrong=TIME.other_period + chance, cause=cause
+        ratio - 1, advice, look=TIME.period + chance, wrong=TIME.other_period + chance
     )
     return replace(finding, value=signals.interval * 1e3)
 

@@ -3,8 +3,7 @@
 Regressors are the accelerations of all motors, the motor's speed (viscous friction) and its sign
 (Coulomb friction), and sines and cosines of the joint angles and of their sums: all of a planar
 arm's gravity, most of another's. The coefficients are averages over the log; their signs and sizes
-show whether a log can be an arm's. `TorqueRegression` holds at each sample, `AveragedRegression` on
-average over much of a swing.
+show whether a log can be an arm's.
 """
 
 from dataclasses import dataclass
@@ -28,17 +27,13 @@ class RegressionSettings:
     segments : int
         Segments of the log, each left out once by the jackknife.
     per_window : int
-        Rows taken from a filter's window: more are not independent. Also the rows per unknown that
-        an averaged regression needs.
-    average : float
-        Window [s] of the averaged regression, shorter where the log has too few of them.
+        Rows taken from a filter's window: more are not independent.
     """
 
     slow: float = 0.05
     singular: float = 1e-10
     segments: int = 10
     per_window: int = 7
-    average: float = 0.4
 
 
 SETTINGS = RegressionSettings()
@@ -175,108 +170,3 @@ def least_squares(columns: Floats, measured: Floats, memory: int) -> tuple[Float
 def _inverse(squares):
     """Pseudo-inverse of normal equations: columns that are alike share their coefficient."""
     return np.linalg.pinv(squares, SETTINGS.singular, hermitian=True)
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class AveragedRegression:
-    """Coefficients, with standard deviations, of a motor's equation of motion, averaged.
-
-    An arm that swings freely needs little torque for much acceleration, less than the noise of
-    twice differentiated counts; the average of the equation with all its terms, over much of a
-    swing, holds without the noise.
-
-    Of the acceleration of every motor (n,), mean over the log [kg m^2]; of the sign of the speed of
-    every motor (n,), if all are allowed to rub, and of its own, the only one that should [N m];
-    delay of the counts behind the torque [samples].
-    """
-
-    inertia: Floats
-    inertia_std: Floats
-    cross_coulomb: Floats
-    cross_coulomb_std: Floats
-    coulomb: float
-    coulomb_std: float
-    delay: float
-    delay_std: float
-
-    @classmethod
-    def all_of(cls, signals, torque: Floats) -> list[Self] | None:
-        """Fit the torques (M, n) [N m] of all motors; None for a log too short for the unknowns."""
-        # 1. Terms that all motors share: inertia that depends on the pose, the Coriolis terms that
-        # belong to it, and gravity. The first joint's angle does not change the inertia.
-        n = signals.n
-        encoder = signals.rig.encoder
-        interval = signals.interval
-        speed = encoder.to_angle(signals.motion.speed)
-        acceleration = encoder.to_angle(signals.motion.acceleration)
-        angle = signals.rig.cell_centre(signals.motion.counts)
-        pose = []
-        for function in (np.cos, np.sin):
-            for column in function(angle[:, 1:]).T:
-                # Without its mean the coefficient of the acceleration alone is a mean over the log.
-                pose.append(column - column[signals.clear].mean())
-        products = [speed[:, a] * speed[:, b] for a in range(n) for b in range(a, n)]
-        # Absolute angles of the links, for gravity.
-        absolute = np.cumsum(angle, axis=1)
-        shared = [
-            *acceleration.T,
-            *(p * column for p in pose for column in (*acceleration.T, *products)),
-            np.ones(len(angle)),
-            *np.sin(absolute).T,
-            *np.cos(absolute).T,
-        ]
-
-        # 2. The longest window of which the log holds enough.
-        unknowns = len(shared) + 3
-        windows = signals.clear.sum() / (unknowns + 2)
-        length = 2 * int(min(SETTINGS.average / interval, windows) / 2) + 1
-        if length < signals.window:
-            return None
-        # A smooth window averages the noise of twice differentiated counts.
-        kernel = np.hanning(length + 2)
-        clear = np.convolve(signals.clear, np.ones(length) / length, mode="same") > 1 - 1e-9
-        rows = np.flatnonzero(clear)[:: max(1, length // SETTINGS.per_window)]
-        if len(rows) < SETTINGS.per_window * unknowns:
-            return None
-
-        def averages(columns):
-            averaged = [
-                np.convolve(column, kernel / kernel.sum(), mode="same") for column in columns
-            ]
-            return np.column_stack(averaged)[rows]
-
-        # 3. Each motor's friction joins the shared terms.
-        common = averages(shared)
-        smooth = signals.smooth(torque)
-        viscous = averages(speed.T)
-        dry = averages([signals.smooth_even(np.sign(rate)) for rate in speed.T])
-        measured = averages(smooth.T)
-        slope = averages(np.gradient(smooth, interval, axis=0).T)
-        fits = []
-        for i in range(n):
-            columns = np.column_stack([common, viscous[:, i], dry[:, i]])
-            torques = measured[:, i]
-            if not np.ptp(torques):
-                return None
-            value, std = least_squares(columns, torques, memory=SETTINGS.per_window)
-            # Late counts: the model gives the torque of a delay ago.
-            with_slope, with_slope_std = least_squares(
-                np.column_stack([columns, slope[:, i]]), torques, memory=SETTINGS.per_window
-            )
-            # Friction goes with a motor's own speed; with another's, columns are exchanged.
-            cross, cross_std = least_squares(
-                np.column_stack([common, viscous, dry]), torques, memory=SETTINGS.per_window
-            )
-            fits.append(
-                cls(
-                    inertia=value[:n],
-                    inertia_std=std[:n],
-                    cross_coulomb=cross[-n:],
-                    cross_coulomb_std=cross_std[-n:],
-                    coulomb=value[-1],
-                    coulomb_std=std[-1],
-                    delay=with_slope[-1] / interval,
-                    delay_std=with_slope_std[-1] / interval,
-                )
-            )
-        return fits

@@ -96,6 +96,8 @@ def _reordered(record, pulses, joints, as_angles):
 
 def exchanged_counts(record: Any, joints: Joints, as_angles: float) -> Any:
     """Exchange the counts of two joints."""
+    # Without a reference it is the exchange of the torques that shows.
+    _needs_reference(record)
     return with_counts(record, _reordered(record, record.counts, joints, as_angles))
 
 
@@ -439,6 +441,35 @@ def delay_sizes(sizes: tuple[float, ...]) -> Callable[..., tuple[float, ...]]:
 _UNSEEN = 2.5
 
 
+def sign_of_driven(experiment: Experiment, joints: Joints) -> tuple[float, ...]:
+    """One size, where a law gives the torque or a motor has a torque that is worth a sign."""
+    torque = experiment.torque
+    if torque is None:
+        return ()
+    if experiment.torques_of_law is not None:
+        return (1.0,)
+    size = np.std(torque, axis=0)
+    for i in joints:
+        fit = experiment.signals.regressions[i]
+        # Other joints may move a motor that has hardly any torque of its own; and only an inertia
+        # that is significantly negative, segment by segment of the log, is one.
+        if (
+            fit is None
+            or size[i] < _WEAK * size.max()
+            or fit.inertia[i] > -_CERTAIN * fit.inertia_std[i]
+        ):
+            return ()
+    return (1.0,)
+
+
+# Standard deviations from which on an inertia is negative.
+_CERTAIN = 4.0
+
+
+# Share of the largest motor torque below which a motor may just be moved by others.
+_WEAK = 0.25
+
+
 # -- evidence of other kinds -----------------------------------------------------------------------
 def rounding_evidence(experiment: Experiment, joints: Joints) -> Iterator[tuple[float, float]]:
     """Log odds of the convention that is not stated, by the width of the cell at zero."""
@@ -632,6 +663,7 @@ def _rows() -> Iterator[Hypothesis[Any]]:
             remedy="Change the sign of " + ("the gear." if name == "gear" else f"{{{name}}}."),
             undo=undo,
             scope=each_joint,
+            suggested=sign_of_driven if name == "torque" else None,
         )
         # A driver, or a reader, that turns the sign of one joint turns those of all.
         if name != "gear":
@@ -667,6 +699,7 @@ def _rows() -> Iterator[Hypothesis[Any]]:
             remedy="State its unit, or convert it.",
             undo=scaled_torque(factor, column),
             sizes=(1.0, -1.0) if "motor" in unit else (1.0,),
+            against=8.0,
         )
     yield Hypothesis(
         name="torque without gravity",
@@ -904,6 +937,13 @@ class Trials:
         tolerance = hypothesis.tolerance
         if tolerance is None or most <= hypothesis.against:
             return [(size, most)]
+        # Where nothing but the motion tells, a log that gets better and better is none of a delay.
+        if (
+            hypothesis.check == "delay"
+            and experiment.torques_of_law is None
+            and best == len(sizes) - 1
+        ):
+            return []
         grid_of_sizes = len(sizes) > 1
         if grid_of_sizes:
             ends = sizes[max(best - 1, 0)], sizes[min(best + 1, len(sizes) - 1)]

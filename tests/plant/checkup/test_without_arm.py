@@ -1,0 +1,165 @@
+"""The table of what can be wrong: each mistake is the first cause, with its joints and size, and
+is undone.
+"""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from plant import Harmonics, Hypothesis, Phase, puma560, simulate
+from plant.checkup.hypothesis import each_joint
+
+RIG = puma560.rig()
+PATH = Harmonics(
+    period=3.1,
+    offset=(0.1, -0.15),
+    cosine=((0.3, -0.1, 0.1), (0.25, 0.15, -0.1)),
+    sine=((-0.2, 0.2, 0.05), (0.3, -0.1, 0.1)),
+)
+
+
+@pytest.fixture(scope="module")
+def record():
+    encoder = dataclasses.replace(
+        RIG.encoder, rounding="floor", phase=Phase(shift=np.array((0.2, -0.3)))
+    )
+    rig = dataclasses.replace(RIG, encoder=encoder)
+    law = puma560.p_law((0.13, 0.09))
+    made = simulate(puma560.literature_arm(0.7), rig, law, PATH, steps_per_sample=8)
+    # What a user states knows nothing of the counter's phase.
+    stated = dataclasses.replace(rig, encoder=dataclasses.replace(encoder, phase=None))
+    return dataclasses.replace(made, rig=stated, current=None, reference=None)
+
+
+def with_reference(record, pulses):
+    return dataclasses.replace(record, reference_pulses=pulses, error_pulses=pulses - record.counts)
+
+
+def with_counts(record, counts):
+    return dataclasses.replace(record, error_pulses=record.reference_pulses - counts)
+
+
+def with_torque(record, torque):
+    return dataclasses.replace(record, torque=torque)
+
+
+def later(table, samples):
+    rows = np.arange(len(table))
+    return np.column_stack([np.interp(rows - samples, rows, column) for column in table.T])
+
+
+def clipped(torque):
+    """Torques, those of the first joint cut off at six tenths of the largest."""
+    top = 0.6 * np.abs(torque[:, 0]).max()
+    return np.clip(torque, (-top, -np.inf), (top, np.inf))
+
+
+DRIVE = RIG.drive
+MISTAKES = {
+    # name of the cause: (mistake, joints, size; None: a switch)
+    "exchanged references": (
+        lambda r: with_reference(r, r.reference_pulses[:, ::-1]),
+        (0, 1),
+        None,
+    ),
+    "exchanged counts": (lambda r: with_counts(r, r.counts[:, ::-1]), (0, 1), None),
+    "exchanged torques": (lambda r: with_torque(r, r.torque[:, ::-1]), (0, 1), None),
+    "turned reference": (
+        lambda r: with_reference(r, r.reference_pulses * (-1, 1)),
+        (0,),
+        None,
+    ),
+    "turned torque of all joints": (lambda r: with_torque(r, -r.torque), (), None),
+    "torque a motor current in A": (
+        lambda r: with_torque(r, DRIVE.current(r.torque)),
+        (),
+        None,
+    ),
+    "torque per mille of the amplifier's limit": (
+        lambda r: with_torque(r, 1e3 * r.torque / DRIVE.torque_limit()),
+        (),
+        None,
+    ),
+    "torque scale": (lambda r: with_torque(r, 1.96 * r.torque), (), 1.96),
+    "late counts": (
+        lambda r: with_counts(r, np.floor(later(r.counts + 0.5, 1.5))),
+        (),
+        1.5,
+    ),
+    "late torques": (lambda r: with_torque(r, later(r.torque, 6.0)), (), 6.0),
+    "current limit": (lambda r: with_torque(r, clipped(r.torque)), (0,), None),
+}
+
+
+@pytest.mark.parametrize("name", MISTAKES)
+def test_each_mistake_is_the_first_cause(record, name):
+    mistake, joints, size = MISTAKES[name]
+    checkup = mistake(record).check()
+    cause = checkup.causes[0]
+    assert (cause.name, cause.joints) == (name, joints)
+    if size is not None:
+        assert cause.size == pytest.approx(size, rel=0.05)
+
+
+@pytest.mark.parametrize("name", ["exchanged references", "exchanged torques", "exchanged counts"])
+def test_exchanged_columns_are_exchanged_back(record, name):
+    corrected = MISTAKES[name][0](record).check().corrected
+    np.testing.assert_array_equal(corrected.reference_pulses, record.reference_pulses)
+    np.testing.assert_array_equal(corrected.counts, record.counts)
+    np.testing.assert_allclose(corrected.torque, record.torque)
+
+
+def test_gravity_that_a_driver_takes_out_is_named(record):
+    q = record.rig.cell_centre(record.counts)
+    arm = puma560.literature_arm(0.7)
+    gravity = np.array([np.ravel(arm.h(row, np.zeros(2))) for row in q[::20]])
+    rows = np.arange(len(q))
+    gravity = np.column_stack([np.interp(rows, rows[::20], column) for column in gravity.T])
+    cause = with_torque(record, record.torque - gravity).check().causes[0]
+    assert cause.name == "torque without gravity"
+
+
+def test_a_right_log_has_no_cause_and_stays_as_it_is(record):
+    checkup = record.check()
+    assert checkup.causes == ()
+    assert checkup.corrected is record
+    assert checkup.first_corrected is record
+
+
+def test_two_mistakes_at_once_are_both_named(record):
+    both = with_torque(with_reference(record, record.reference_pulses[:, ::-1]), 4 * record.torque)
+    checkup = both.check()
+    assert {"exchanged references", "torque scale"} <= {cause.name for cause in checkup.causes}
+    np.testing.assert_array_equal(checkup.corrected.reference_pulses, record.reference_pulses)
+
+
+def test_a_hypothesis_of_a_users_own_is_ranked_beside_the_others(record):
+    limit = record.rig.drive.torque_limit()
+    share = Hypothesis(
+        name="share of the limit",
+        sentence="The torque is a share of the limit",
+        remedy="Multiply it.",
+        undo=lambda record, joints, size: with_torque(record, limit * record.torque),
+    )
+    checkup = with_torque(record, record.torque / limit).check(hypotheses=[share])
+    assert checkup.causes[0].name == "share of the limit"
+    np.testing.assert_allclose(checkup.corrected.torque, record.torque)
+
+
+def test_hypotheses_that_fail_or_change_nothing_are_named_and_the_others_go_on(record):
+    def refuse(record, joints, size):
+        raise ValueError("this log has no such column.")
+
+    def broken(record, joints, size):
+        return record.no_such_field
+
+    words = {"sentence": "Something is wrong", "remedy": "Look.", "scope": each_joint}
+    own = [
+        Hypothesis(name="nothing", undo=lambda record, joints, size: record, **words),
+        Hypothesis(name="refused", undo=refuse, **words),
+        Hypothesis(name="broken", undo=broken, **words),
+    ]
+    checkup = with_torque(record, -record.torque).check(hypotheses=own)
+    assert checkup.causes[0].name == "turned torque of all joints"
+    assert [line.partition(":")[0] for line in checkup.failed] == ["nothing", "refused", "broken"]
