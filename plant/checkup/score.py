@@ -29,8 +29,9 @@ class ScoreSettings:
 
     Parameters
     ----------
-    rows : int
-        Rows of the filtered log that are compared, at most.
+    rows, command_rows : int
+        Rows of the filtered log that are compared, at most, and rows of logged and commanded
+        torques.
     coupled : int
         Joints up to which the regression has inertias that depend on the pose.
     per_window : int
@@ -60,6 +61,7 @@ class ScoreSettings:
     """
 
     rows: int = 800
+    command_rows: int = 3000
     coupled: int = 3
     per_window: int = 7
     dependent: float = 7.0
@@ -252,7 +254,7 @@ class Experiment:
             return None
         if law.has_memory(self.n):
             return steps_of_torque(signals)
-        rows = slice(None, None, max(1, len(signals.t) // SETTINGS.rows))
+        rows = slice(None, None, max(1, len(signals.t) // SETTINGS.command_rows))
         commanded = self.commanded_at(rows)
         if commanded is None:
             return None
