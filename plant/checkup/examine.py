@@ -174,10 +174,10 @@ def _backlash(signals, i):
 
 # -- the checkup ----------------------------------------------------------------------------------
 # A cause that is undone by rounding counts again leaves some hundredths of its evidence behind.
-SELECTION = SelectionSettings(traces=0.03)
+SELECTION = SelectionSettings(traces=0.06)
 
 # Counts that are spoiled otherwise leave evidence for any change, but less than for an exchange.
-SPOILED = SelectionSettings(traces=0.03, accepted=100.0)
+SPOILED = SelectionSettings(traces=0.06, accepted=100.0)
 
 # Checks of a log whose lost rows are bridged, before and after the ranked causes. What others take
 # for noise, saturation or a delay comes first, since the first finding is the first to be corrected.

@@ -872,6 +872,10 @@ SWITCHES = tuple(row for row in TABLE if row.suggested is None and row.tolerance
 """Rows without a size that is estimated: a log whose counts are spoiled shows these alone."""
 
 
+# Share of its evidence by which a refined size must be better.
+_RUGGED = 0.03
+
+
 # -- the evidence ----------------------------------------------------------------------------------
 @dataclass
 class Trials:
@@ -951,7 +955,9 @@ class Trials:
             result = optimize.minimize_scalar(
                 lambda size: -gain(size), bounds=ends, method="bounded", options=options
             )
-            if -result.fun > most:
+            # Rounding makes the score rugged: a size of the grid stays unless another is clearly
+            # better.
+            if -result.fun > (1 + _RUGGED) * most:
                 size, most = float(result.x), -float(result.fun)
         # Occam: a size that the log determines well was unlikely to be just that.
         step = 0.02 * tolerance * (1.0 if grid_of_sizes else size)
