@@ -340,8 +340,8 @@ class Experiment:
         if self.motions is not None:
             unexplained = np.array([motion.unexplained for motion in self.motions])
             # What the regression lacks changes with the pose, and so does its residual.
-            share = SETTINGS.dependent / SETTINGS.dependent_motion
-            terms["motion"] = -share * half * np.log(unexplained + SETTINGS.motion)
+            fewer = SETTINGS.dependent / SETTINGS.dependent_motion
+            terms["motion"] = -fewer * half * np.log(unexplained + SETTINGS.motion)
             drive = self.record.rig.drive
             terms["inertia"] = np.array(
                 [
