@@ -959,14 +959,6 @@ class Trials:
             # better.
             if -result.fun > (1 + _RUGGED) * most:
                 size, most = float(result.x), -float(result.fun)
-        if hypothesis.check == "delay" and experiment.command is not None:
-            # Half a sample to each side the residual is a delay's alone: its root grows with the
-            # distance, and rounding counts for nothing.
-            joints_late = len(joints) or experiment.n
-            difference = (gain(size - 0.5) - gain(size + 0.5)) / joints_late
-            ratio = np.exp(np.clip(difference / experiment.filter.equations, -30, 30))
-            vertex = size + 0.5 * float((1 - ratio) / (1 + ratio))
-            size = vertex if abs(vertex - size) < 0.25 else size
         # Occam: a size that the log determines well was unlikely to be just that.
         step = 0.02 * tolerance * (1.0 if grid_of_sizes else size)
         curvature = (2 * most - gain(size + step) - gain(size - step)) / step**2

@@ -193,9 +193,7 @@ def rows(record, keep):
 def late(record, joint, samples):
     """Counts of the true position so many samples ago."""
     position, row = record.rig.position_in_pulses(record.true_q)[:, joint], np.arange(len(record))
-    return counting(
-        record, column(record.counts, joint, np.trunc(np.interp(row - samples, row, position)))
-    )
+    return counting(XX)
 
 
 def without(record, *names):
