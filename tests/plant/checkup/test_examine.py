@@ -193,7 +193,8 @@ def rows(record, keep):
 def late(record, joint, samples):
     """Counts of the true position so many samples ago."""
     position, row = record.rig.position_in_pulses(record.true_q)[:, joint], np.arange(len(record))
-    return counting(XX)
+    counts = record.rig.encoder.quantised(np.interp(row - samples, row, position))
+    return counting(record, column(record.counts, joint, counts))
 
 
 def without(record, *names):
