@@ -562,7 +562,9 @@ def _lag_evidence(experiment, joints):
     # reference's acceleration, output 0 the torque.
     if law is None or not block_of(law, experiment.record.rig).step.jac_sparsity(0, 3).nnz():
         return ()
-    values, stds = np.array([lag(experiment, i) for i in joints or range(experiment.n)]).T
+    values, stds = np.array(
+        [lag(experiment, i, friction=True) for i in joints or range(experiment.n)]
+    ).T
     # What a law leaves of friction looks like a small lag.
     if np.abs(values).max() < _LEAST_LAG or np.ptp(values) > _LEAST_LAG:
         return ()
@@ -573,14 +575,18 @@ def _lag_evidence(experiment, joints):
 _LEAST_LAG = 0.2
 
 
-def lag(experiment: Experiment, i: int) -> tuple[float, float]:
+def lag(experiment: Experiment, i: int, *, friction: bool = False) -> tuple[float, float]:
     """Samples by which the counts of joint i lag behind the reference, and standard deviation."""
     signals = experiment.signals
     reference = experiment.filtered("reference", np.asarray(signals.reference), i)
     counts = experiment.filtered("counts", signals.counts, i)
+    columns = [reference.speed, np.ones(len(counts.value))]
     # Friction that the law lacks is an error with the sign of the speed.
-    columns = np.column_stack([reference.speed, reference.direction, np.ones(len(counts.value))])
-    value, std = least_squares(columns, reference.value - counts.value, signals.window)
+    if friction:
+        columns.append(reference.direction)
+    value, std = least_squares(
+        np.column_stack(columns), reference.value - counts.value, signals.window
+    )
     return value[0] / signals.interval, std[0] / signals.interval
 
 
