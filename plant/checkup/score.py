@@ -215,7 +215,7 @@ class Experiment:
 
     @functools.cached_property
     def commanded(self) -> Floats | None:
-        """Motor torque (M, n) of a law without memory, before the limit; None where it is unknown."""
+        """Motor torque (M, n) of a law without memory, before the limit; None if it is unknown."""
         return self.commanded_at(slice(None))
 
     @functools.cached_property

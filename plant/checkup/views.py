@@ -90,7 +90,7 @@ def _rotor_inertias(experiment, i):
     return experiment.motions[i].inertia / rotor
 
 
-# -- where nothing is wrong -------------------------------------------------------------------------
+# -- where nothing is wrong ------------------------------------------------------------------------
 def measured_findings(experiment: Experiment, caused: set[tuple[str, Any]]) -> Iterator[Finding]:
     """Yield the findings of the table's checks and joints that no cause has, by what is measured.
 
@@ -207,7 +207,7 @@ def _units(experiment, i):
     return check.fine(size)
 
 
-# -- one column mapped to two joints ----------------------------------------------------------------
+# -- one column mapped to two joints ---------------------------------------------------------------
 def copied_columns(signals: Signals, i: int) -> Finding:
     """Whether an earlier joint has the same columns, as they are or as angles."""
     check = Check("copied columns", i)

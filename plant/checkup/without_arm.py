@@ -10,7 +10,6 @@ from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy import optimize
 
 from plant.checkup.hypothesis import (
     Candidate,
@@ -638,7 +637,8 @@ _PER_E_FOLD = 10.0
 
 
 # -- the table -------------------------------------------------------------------------------------
-def _rows() -> Iterator[Hypothesis[Any]]:
+def _exchanges() -> Iterator[Hypothesis[Any]]:
+    """Yield the rows: columns of two joints that are exchanged."""
     columns = {
         "counts": exchanged_counts,
         "references": exchanged_references,
@@ -654,6 +654,10 @@ def _rows() -> Iterator[Hypothesis[Any]]:
             scope=pairs,
             sizes=(0.0, 1.0),
         )
+
+
+def _turns() -> Iterator[Hypothesis[Any]]:
+    """Yield the rows: columns with the wrong sign."""
     signs = {
         "torque": ("drive sign", turned_torque),
         "error": ("drive sign", turned_error),
@@ -681,6 +685,10 @@ def _rows() -> Iterator[Hypothesis[Any]]:
                 undo=undo,
                 scope=several,
             )
+
+
+def _units() -> Iterator[Hypothesis[Any]]:
+    """Yield the rows: columns, times and gains in other units."""
     units = {
         "in mN m": ("torque", lambda rig: 1e-3),
         "in kN m": ("torque", lambda rig: 1e3),
@@ -734,6 +742,10 @@ def _rows() -> Iterator[Hypothesis[Any]]:
             sizes=(1.0, -1.0) if "motor" in name else (1.0,),
             against=8.0,
         )
+
+
+def _statements() -> Iterator[Hypothesis[Any]]:
+    """Yield the rows: units of counts and times, the rounding, and gains in other units."""
     yield Hypothesis(
         name="scaled counts",
         check="units of counts",
@@ -774,6 +786,10 @@ def _rows() -> Iterator[Hypothesis[Any]]:
         remedy="Multiply them by motor_gain.",
         undo=gains_in_ampere,
     )
+
+
+def _sizes() -> Iterator[Hypothesis[Any]]:
+    """Yield the rows: scales and delays, of one joint or of all alike."""
     for scope in (each_joint, several):
         yield Hypothesis(
             name="gain",
@@ -839,6 +855,10 @@ def _rows() -> Iterator[Hypothesis[Any]]:
             tolerance=2.0,
             unit="samples",
         )
+
+
+def _stated() -> Iterator[Hypothesis[Any]]:
+    """Yield the rows: numbers of the drive that the rig states."""
     yield Hypothesis(
         name="current limit",
         check="clipped torque",
@@ -872,7 +892,14 @@ def several(n: int) -> Iterator[Joints]:
         yield ()
 
 
-TABLE: tuple[Hypothesis[Any], ...] = tuple(_rows())
+TABLE: tuple[Hypothesis[Any], ...] = (
+    *_exchanges(),
+    *_turns(),
+    *_units(),
+    *_statements(),
+    *_sizes(),
+    *_stated(),
+)
 
 SWITCHES = tuple(row for row in TABLE if row.suggested is None and row.tolerance is None)
 """Rows without a size that is estimated: a log whose counts are spoiled shows these alone."""
@@ -931,7 +958,10 @@ class Trials:
             yield Candidate(hypothesis, joints, size, odds, partial(changed, size), words)
 
     def _scored(self, experiment, hypothesis, joints, changed):
-        """The likeliest size, and how much more likely the log is without a mistake of that size."""
+        """The likeliest size, and how much likelier the log is without a mistake of that size."""
+        # Here, since it is slow to import.
+        from scipy.optimize import minimize_scalar
+
         sizes = hypothesis.sizes
         if hypothesis.suggested is not None:
             sizes = hypothesis.suggested(experiment, joints)
@@ -958,7 +988,7 @@ class Trials:
         if grid_of_sizes:
             ends = sizes[max(best - 1, 0)], sizes[min(best + 1, len(sizes) - 1)]
             options = {"xatol": 1e-3 * tolerance, "maxiter": 14}
-            result = optimize.minimize_scalar(
+            result = minimize_scalar(
                 lambda size: -gain(size), bounds=ends, method="bounded", options=options
             )
             # Rounding makes the score rugged: a size of the grid stays unless another is clearly

@@ -68,8 +68,8 @@ class Block:
         """Refuse a block that sends goals or frames, for a target that takes torques alone."""
         if self.sent is not None:
             raise ValueError(
-                f"{what} needs a rig whose torque is the law's; this one has an inner loop, to which"
-                " goals or frames are sent. Run it with law.start."
+                f"{what} needs a rig whose torque is the law's; this one has an inner loop, to"
+                " which goals or frames are sent. Run it with law.start."
             )
 
 

@@ -77,7 +77,8 @@ _SAMPLES_PER_CALL = 1 << 14
 def commanded_torque(record: Any, at: Any = None) -> NDArray[np.float64] | None:
     """Torque (N, n) [N m] that a law without memory commanded in a log, before the limit.
 
-    `at` (K,): indices of the rows, all by default. None for other laws: their state in the middle of a log is not known.
+    `at` (K,): indices of the rows, all by default. None for other laws: their state in the middle
+    of a log is not known.
     """
     law = record.law
     rig = record.rig
