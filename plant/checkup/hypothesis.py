@@ -78,8 +78,14 @@ class Hypothesis(Generic[Experiment]):
     measurement : str
         What distinguishes the mistake from others, as a sentence.
 
+    See Also
+    --------
+    plant.Record
+
     Examples
     --------
+    >>> from plant import Hypothesis
+    >>> from plant.checkup.hypothesis import pairs
     >>> swapped = Hypothesis(
     ...     name="swapped torques",
     ...     sentence="The torques of {joint} and {other} are exchanged",

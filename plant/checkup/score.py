@@ -376,7 +376,8 @@ class Experiment:
 
 
 def _centred(columns):
-    return columns - columns.mean(axis=0)
+    # A short log may leave no rows.
+    return columns - columns.mean(axis=0) if len(columns) else columns
 
 
 def _share(difference, a, b, noise=0.0):
@@ -387,6 +388,8 @@ def _share(difference, a, b, noise=0.0):
 
 def _regression(own, free, torque, equations):
     """Regress a torque (M,) on columns of its own motion (M, 3), not negative, and free ones."""
+    if not len(torque):
+        return Motion(0.0, np.inf, 0.0, np.inf, 0.0, np.inf, 1.0)
     torque = _centred(torque)
     speed = own[:, 1]
     rows = np.abs(speed) > SETTINGS.slow * np.sqrt(np.mean(speed**2))
@@ -447,7 +450,8 @@ def _not_negative(squares):
 
 def _inertia_prior(motion, rotor):
     """Log likelihood of an inertia at the motor: not less than its rotor, nor a thousand times."""
-    if not rotor or not np.isfinite(motion.inertia_std):
+    # A motion that is held tells neither an inertia nor its deviation.
+    if not rotor or not 0 < motion.inertia_std < np.inf:
         return 0.0
     # An inertia that is not significant may be as large as its standard deviation.
     size = max(motion.inertia, motion.inertia_std) / rotor
