@@ -50,6 +50,12 @@ class ScoreSettings:
         Share of the stated rotor inertia that no arm undercuts.
     rotor_spread : float
         Relative standard deviation of that limit.
+    coupling_spread : float
+        Relative standard deviation of the largest coupling of two motors, since inertias are means
+        over poses.
+    surest : float
+        Square of the standard deviations of one coupling that count, at most: what the regression
+        lacks is not normally distributed.
     friction_spread : float
         Standard deviation of the logarithm of friction over the stated one.
     guessed, guess_spread : float
@@ -75,6 +81,8 @@ class ScoreSettings:
     inertia_spread: float = 1.5
     rotor: float = 0.8
     rotor_spread: float = 0.1
+    coupling_spread: float = 0.2
+    surest: float = 50.0
     friction_spread: float = 0.4
     guessed: float = 0.2
     guess_spread: float = 1.5
@@ -138,7 +146,8 @@ class Motion(NamedTuple):
     """Regression of the torque of one motor on the motion, with standard deviations.
 
     Inertia [kg m^2], viscous [N m s/rad] and Coulomb friction [N m], none negative; `unexplained`:
-    share (0 to 1) of the torque's variance.
+    share (0 to 1) of the torque's variance; `coupling` (n - 1,): inertias of the other motors'
+    accelerations [kg m^2], of either sign.
     """
 
     inertia: float
@@ -148,6 +157,8 @@ class Motion(NamedTuple):
     coulomb: float
     coulomb_std: float
     unexplained: float
+    coupling: Floats
+    coupling_std: Floats
 
 
 class Experiment:
@@ -303,6 +314,7 @@ class Experiment:
                 np.column_stack([np.delete(acceleration, i, axis=1), shared]),
                 self.filtered("torque", self.torque, i).value,
                 self.filter.equations,
+                self.n - 1,
             )
             for i in range(self.n)
         ]
@@ -349,6 +361,7 @@ class Experiment:
                     for motion, rotor in zip(self.motions, drive.motor_inertia, strict=True)
                 ]
             )
+            terms["coupling"] = _coupling_prior(self.motions)
             for name in ("coulomb", "viscous"):
                 terms[name] = np.array(
                     [
@@ -386,16 +399,20 @@ def _share(difference, a, b, noise=0.0):
     return float((np.mean(difference**2) + noise) / size) if size > 0 else 1.0
 
 
-def _regression(own, free, torque, equations):
-    """Regress a torque (M,) on columns of its own motion (M, 3), not negative, and free ones."""
+def _regression(own, free, torque, equations, others):
+    """Regress a torque (M,) on columns of its own motion (M, 3), not negative, and free ones.
+
+    The first `others` of the free columns are the other motors' accelerations.
+    """
+    nothing = Motion(0.0, np.inf, 0.0, np.inf, 0.0, np.inf, 1.0, *np.full((2, others), np.inf))
     if not len(torque):
-        return Motion(0.0, np.inf, 0.0, np.inf, 0.0, np.inf, 1.0)
+        return nothing
     torque = _centred(torque)
     speed = own[:, 1]
     rows = np.abs(speed) > SETTINGS.slow * np.sqrt(np.mean(speed**2))
     size = float(np.mean(torque[rows] ** 2)) if rows.sum() > free.shape[1] + 3 else 0.0
     if not size:
-        return Motion(0.0, np.inf, 0.0, np.inf, 0.0, np.inf, 1.0)
+        return nothing
     # 1. Normal equations of columns of one size; what the free ones explain is taken out.
     columns = np.column_stack([own, free])[rows]
     scale = np.sqrt(np.mean(columns**2, axis=0))
@@ -407,7 +424,8 @@ def _regression(own, free, torque, equations):
     free_squares = squares[k:-1, k:-1] + _RIDGE * np.eye(free.shape[1])
     across = squares[k:-1][:, [*range(k), -1]]
     mine = [*range(k), -1]
-    reduced = squares[np.ix_(mine, mine)] - across.T @ np.linalg.solve(free_squares, across)
+    by_free = np.linalg.solve(free_squares, across)
+    reduced = squares[np.ix_(mine, mine)] - across.T @ by_free
     # 2. The likeliest coefficients that are not negative: of some of the columns.
     value, left = _not_negative(reduced)
     # Late counts under a law add torque in proportion to speed: the part that the speed explains
@@ -417,7 +435,22 @@ def _regression(own, free, torque, equations):
     variance = np.diag(np.linalg.pinv(reduced[:k, :k], hermitian=True)) * left / equations
     std = np.sqrt(np.maximum(variance, 0.0)) / scale[:k]
     inertia, viscous, coulomb = value / scale[:k]
-    return Motion(inertia, std[0], viscous, std[1], coulomb, std[2], min(share, 1.0))
+    # 3. The coefficients of the free columns beside those.
+    coupled = slice(k, k + others)
+    coupling = (by_free[:, -1] - by_free[:, :k] @ value)[:others] / scale[coupled]
+    spread = np.diag(np.linalg.pinv(squares[:-1, :-1], hermitian=True))[coupled]
+    coupling_std = np.sqrt(np.maximum(spread * left / equations, 0.0)) / scale[coupled]
+    return Motion(
+        inertia,
+        std[0],
+        viscous,
+        std[1],
+        coulomb,
+        std[2],
+        min(share, 1.0),
+        coupling,
+        coupling_std,
+    )
 
 
 # Relative weight that keeps normal equations of columns that are alike solvable: rounding errors
@@ -459,6 +492,21 @@ def _inertia_prior(motion, rotor):
     usual = np.log(size / SETTINGS.inertia) / np.hypot(SETTINGS.inertia_spread, error)
     below = np.log(min(size / SETTINGS.rotor, 1.0)) / np.hypot(SETTINGS.rotor_spread, error)
     return float(-(usual**2) / 2 - min(below**2, 100.0) / 2)
+
+
+def _coupling_prior(motions):
+    """Log likelihood (n,) of the couplings: an inertia matrix has no negative eigenvalue."""
+    # |M_ij| <= sqrt(M_ii M_jj), by the inertias and as large as they may be.
+    largest = np.sqrt([motion.inertia + motion.inertia_std for motion in motions])
+    prior = np.zeros(len(motions))
+    for i, motion in enumerate(motions):
+        bound = largest[i] * np.delete(largest, i)
+        spread = np.hypot(motion.coupling_std, SETTINGS.coupling_spread * bound)
+        surplus = np.abs(motion.coupling) - bound
+        known = np.isfinite(spread) & (spread > 0)
+        beyond = np.maximum(surplus[known] / spread[known], 0.0)
+        prior[i] = -np.minimum(beyond**2, SETTINGS.surest).sum() / 2
+    return prior
 
 
 def _friction_prior(size, std, stated):
