@@ -5,7 +5,7 @@ from html.parser import HTMLParser
 import pytest
 
 from plant.parts.shown import Aside, Shown, Verdict, Warned, body, inside, table
-from plant.parts.tables import Table
+from plant import Table
 
 NASTY = "<script>alert('x')</script> & \"q\""
 VOID = ("br", "hr", "img", "meta", "input", "link")

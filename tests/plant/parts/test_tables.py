@@ -6,7 +6,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from plant.parts.tables import WIDTH, Table, by_joint, wrapped
+from plant.parts.tables import WIDTH, by_joint, wrapped
+from plant import Table
 
 NAMES = (
     "shoulder_pan_joint",
