@@ -151,7 +151,7 @@ def default_gains(
     computed torque for the arm, whose loops are examined on elastic gears. If none is stable, the
     gears are refused.
     """
-# Dead zone, ratio and boost go with the bandwidth that the knowledge allows, stated or not.
+    # Dead zone, ratio and boost go with the bandwidth that the knowledge allows, stated or not.
     gains = known_gains(source, rig, settings)
     if bandwidth is None:
         gains = gains._replace(bandwidth=_bandwidth(source, rig, gains.bandwidth, trial, settings))
@@ -164,22 +164,22 @@ def known_gains(source: Any, rig: Any = None, settings: DefaultGainSettings = SE
         rig = source.rig
     if isinstance(rig, Rig) and rig.inner is not None:
         return settings.goals if rig.inner.sends == "goal" else settings.frames
-# Without a covariance nothing says how far the model may be trusted.
+    # Without a covariance nothing says how far the model may be trusted.
     if not isinstance(source, Identification) or source.covariance is None:
         return settings.arm
-# With friction among the unknowns its covariance counts, too.
+    # With friction among the unknowns its covariance counts, too.
     friction = ("drive.viscous", "drive.coulomb")
     if not any(name.startswith(friction) for name in source.fit.unknown):
         return settings.identified
     if isinstance(rig, Rig) and rig.drive.elasticity is not None:
         return settings.elastic
     gains = settings.friction
-# The error of an unmodelled acceleration is a / bandwidth^2; solved for the bandwidth.
+    # The error of an unmodelled acceleration is a / bandwidth^2; solved for the bandwidth.
     needed = float(np.sqrt(uncertain_acceleration(source, settings.samples) / settings.share))
     # The covariance of an identification in doubt says nothing.
     if needed <= settings.margin * gains.bandwidth or doubts(source):
         return gains
-# More than an arm without a covariance gets would amplify rounding alone.
+    # More than an arm without a covariance gets would amplify rounding alone.
     bandwidth = min(needed, settings.arm.bandwidth)
     dead_zone = gains.dead_zone * np.sqrt(gains.bandwidth / bandwidth)
     return gains._replace(bandwidth=bandwidth, dead_zone=dead_zone)
@@ -199,7 +199,7 @@ def uncertain_acceleration(identification: Identification, samples: int) -> floa
     motion = path(np.linspace(0, path.duration, samples, endpoint=False))
     names = linear(arm.dynamics, rig, fit.unknown)
     regressor, _ = regressor_along(arm.dynamics, rig, names, motion)
-# The encoder converts each joint alone: columns of a unit matrix give its slopes.
+    # The encoder converts each joint alone: columns of a unit matrix give its slopes.
     pulses = np.column_stack([rig.position_in_pulses(joint) for joint in np.eye(arm.n)])
     # Change of the accelerations [pulses/s^2] per change of each parameter, sample by sample.
     slopes = np.array(
@@ -222,7 +222,7 @@ def _bandwidth(
         rig = source.rig
     if not isinstance(rig, Rig):  # the law refuses it, with its other fields
         return bandwidth
-# A sample delays the regulator by its period; their product bounds the phase that is lost.
+    # A sample delays the regulator by its period; their product bounds the phase that is lost.
     most = settings.period if rig.inner is None else settings.inner_period
     bandwidth = min(bandwidth, most / rig.period)
     gears = rig.drive.elasticity
@@ -230,14 +230,14 @@ def _bandwidth(
         return bandwidth
     arm = getattr(source, "arm", source)
     poses = np.zeros((1, rig.n))
-# Inertia changes with the pose, and stability with it.
+    # Inertia changes with the pose, and stability with it.
     path = source.records[0].reference if identified else None
     if path is not None:
         poses = path(np.linspace(0, path.duration, settings.poses, endpoint=False)).q
     while bandwidth > settings.smallest:
         law = trial(rig, bandwidth=bandwidth)
         factors = settings.predicted
-# Without gains of its gears the law takes them for rigid, and needs more room.
+        # Without gains of its gears the law takes them for rigid, and needs more room.
         if law.gear_gains is None:
             law = trial(rig, bandwidth=settings.spare * bandwidth)
             factors = settings.stiffer

@@ -55,7 +55,7 @@ class ModelLaw(Law):
     def __post_init__(self) -> None:
         found = self.arm
         name = type(self).__name__
-# An identification brings arm and rig; a stated rig goes before its own.
+        # An identification brings arm and rig; a stated rig goes before its own.
         if isinstance(found, Identification):
             object.__setattr__(self, "arm", found.arm)
             object.__setattr__(self, "rig", found.rig if self.rig is None else self.rig)
@@ -127,7 +127,7 @@ class ModelLaw(Law):
                     " the period"
                 )
             name = type(self).__name__
-# Hertz and a time constant are what is seen on the arm.
+            # Hertz and a time constant are what is seen on the arm.
             hz = abs(pole.imag) / (2 * np.pi)
             time = 1 / pole.real
             swings = f"it swings up at {hz:.3g} Hz with the time constant {time:.2g} s{speed}"
@@ -148,14 +148,14 @@ class ModelLaw(Law):
         return parts | {"inertia": model.D(q, f) @ qdd}
 
     def block(self, rig: Rig) -> Block:
-# The law may run on another rig than its own, which must fit in what its equations assume.
+        # The law may run on another rig than its own, which must fit in what its equations assume.
         rig.require_fit(self.arm.dynamics.chain)
         if abs(rig.period - self.rig.period) > 1e-9 * self.rig.period:
             periods = f"every {self.rig.period:.6g} s; got {rig.period:.6g} s"
             raise ValueError(
                 f"the rig must be sampled as the law's own, {periods}. Make the law for this rig."
             )
-# A gear that turns the other way would make the feedback positive.
+        # A gear that turns the other way would make the feedback positive.
         turned = np.flatnonzero(np.sign(rig.drive.gear) != np.sign(self.rig.drive.gear))
         if len(turned):
             i = int(turned[0])
@@ -164,7 +164,7 @@ class ModelLaw(Law):
                 f" {rig.joint_labels[i]} is {rig.drive.gear[i]:g}, the law's"
                 f" {self.rig.drive.gear[i]:g}. Correct the sign, or make the law for this rig."
             )
-# A goal that is taken for a torque moves an arm at full power.
+        # A goal that is taken for a torque moves an arm at full power.
         if type(rig.inner) is not type(self.rig.inner):
             got, own = (type(r.inner).__name__ if r.inner else "none" for r in (rig, self.rig))
             raise ValueError(

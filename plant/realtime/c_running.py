@@ -69,7 +69,7 @@ _MODULES = (stopping, watching, safety)
 
 def names_of(name: str) -> CNames:
     """C names of the guards of a controller; the names of its structs begin with `name`."""
-# Names of C are known before a text is translated, since functions call each other.
+    # Names of C are known before a text is translated, since functions call each other.
     functions = [node.name for node in _functions()]
     return CNames(
         arrays=("pulses", "q_r", "qd_r", "qdd_r", "torque"),
@@ -88,7 +88,7 @@ def names_of(name: str) -> CNames:
 
 
 def _functions() -> list[ast.FunctionDef]:
-# Python is the one home of the guards: C is translated from its syntax trees.
+    # Python is the one home of the guards: C is translated from its syntax trees.
     trees = [ast.parse(inspect.getsource(module)) for module in _MODULES]
     return [node for tree in trees for node in tree.body if isinstance(node, ast.FunctionDef)]
 
@@ -99,10 +99,10 @@ def constants_of_logic() -> str:
         name: value
         for module in _MODULES
         for name, value in vars(module).items()
-# Types and settings in capitals are no constants of C.
+        # Types and settings in capitals are no constants of C.
         if name.isupper() and isinstance(value, (int, float))
     }
-# Whole numbers become an enum: C allows its names as array sizes and cases.
+    # Whole numbers become an enum: C allows its names as array sizes and cases.
     codes = [f"{name} = {value}" for name, value in constants.items() if isinstance(value, int)]
     # 108 columns and an indentation of 4 keep the lines of the C within 112.
     lines = textwrap.fill(", ".join(codes), 108, break_on_hyphens=False)
@@ -147,7 +147,7 @@ def structs(name: str, layout: Layout) -> str:
 
 def _fields(fields: Mapping[str, str]) -> Iterable[str]:
     for name, meaning in fields.items():
-# Most fields hold one number.
+        # Most fields hold one number.
         size = f"[{SIZES[name]}]" if name in SIZES else ""
         yield f"double {name}{size}; {comment(meaning)}"
 
@@ -155,7 +155,7 @@ def _fields(fields: Mapping[str, str]) -> Iterable[str]:
 def initial_struct(vector: Floats, layout: Layout) -> str:
     """Initialiser of the memory; all other fields are zero."""
     memory = view(vector, layout.n, 0)
-# The places of the numbers follow from the layout, which the struct shares.
+    # The places of the numbers follow from the layout, which the struct shares.
     numbers = vector[[position for position, _ in layout.components("numbers")]]
     joints = ",\n".join(_initialiser(joint, JOINT_FIELDS) for joint in memory.joints)
     # A field that an initialiser leaves out is zero in C.
@@ -188,7 +188,7 @@ def write_running(
     **output: Any,
 ) -> None:
     """Write the files of `Running.to_c`; `output` are the arguments of `Output.of`."""
-# What cannot be exported is refused before a file is touched.
+    # What cannot be exported is refused before a file is touched.
     require_exportable(rig, name)
     form = Output.of(law, rig, **output)
     place = Target.of(target, precision, rig, form.largest)
@@ -207,7 +207,7 @@ def values_of(
 ) -> dict[str, Any]:
     """Values of the templates for a running controller."""
     block = law.block(rig)
-# A law above an inner loop may have no torque of its own.
+    # A law above an inner loop may have no torque of its own.
     block.require_torque("the C of a controller")
     layout = Layout.of(block, rig.n)
     vector = initial_memory(law, rig, block, guards)
@@ -295,7 +295,7 @@ def _function(name: str, piece: Piece, memory: str, layout: Layout) -> str:
         [(expression, STATE) for _, expression in layout.components(source)]
         for source in piece.sources
     ]
-# The functions write no output arrays: their results go straight to fields of the struct.
+    # The functions write no output arrays: their results go straight to fields of the struct.
     lines, values, _ = statements(piece.function, inputs)
     targets = [text for name in piece.targets for _, text in layout.components(name)]
     # The array of results makes the order safe: a target may be a source, too.
@@ -330,7 +330,7 @@ def _giving(output: Output, law: Any, rig: Rig, memory: str, layout: Layout) -> 
     body = [] if any("memory" in text for text in used) else ["(void)memory;"]
     body += [*lines[UNIFORM], *lines[STATE]]
     body += [f"given[{i}] = ({output.kind})({value});" for i, value in enumerate(values)]
-# The memory is an argument, since the converter uses numbers of the rig.
+    # The memory is an argument, since the converter uses numbers of the rig.
     head = f"give(const {memory}, const double *torque, {output.kind} *given)"
     return output.constant + _defined(head, body)
 

@@ -123,7 +123,7 @@ class Running:
         precision : {"double", "single"}
             Of all numbers: double gives the host's bits; single has no clock.
         """
-# The exporter needs what `start` was given, so it gets the same arguments.
+        # The exporter needs what `start` was given, so it gets the same arguments.
         write_running(
             self.law,
             self.rig,
@@ -197,7 +197,7 @@ class Running:
             advance; without guards also NaN in the reference, or a law that gives no finite torque.
             Nothing has changed then.
         """
-# Waiting for the other thread would break the period, so the call is refused at once.
+        # Waiting for the other thread would break the period, so the call is refused at once.
         if not self._free.acquire(False):
             raise ValueError(
                 "step must be called by one thread at a time; another is in it. Start one"
@@ -221,12 +221,12 @@ class Running:
                 arguments[3][...] = qdd_r
             except (AttributeError, ValueError):
                 self._take((pulses, q_r, qd_r, qdd_r), unknown)
-# NaN stands for "no clock" in the compiled step.
+            # NaN stands for "no clock" in the compiled step.
             time = np.nan if now is None else clock(now)
             refusal = self._step(*arguments, time, self._memory, self._torque)
             if refusal:
                 refuse(refusal, arguments, self.rig, self._run.now, time)
-# A servo holds the place at which the stop began, not the last reference.
+            # A servo holds the place at which the stop began, not the last reference.
             if self._released_at is None and self._run.released != HOLDING:
                 self._released_at = self.pulses
             if self._log is not None:
@@ -278,7 +278,7 @@ class Running:
             limp = self.guards is not None and self.guards.stop == "zero"
             rest = counts if limp or self._released_at is None else self._released_at
             motion = [self.rig.cell_centre(rest), np.zeros(self.n), np.zeros(self.n)]
-# The same equations as in the simulator convert a torque to goal or frame.
+        # The same equations as in the simulator convert a torque to goal or frame.
         sent = self._block.sent(*motion, counts, self._row("torque"), self._block.values)
         values: Floats = inner.values(self.rig, *np.split(sent.full()[:, 0], len(Frame._fields)))
         return values
@@ -315,7 +315,7 @@ class Running:
 
     # -- arguments of any kind --------------------------------------------------------------------
     def _set(self, counts: Floats) -> None:
-# In place: the compiled step and the views hold this array.
+        # In place: the compiled step and the views hold this array.
         self._memory[:] = self._initial
         self._joints["counts"] = counts
         self._released_at = None
@@ -329,7 +329,7 @@ class Running:
                 raise ValueError(
                     f"step takes ({', '.join(ARGUMENTS)}); {name} is missing. Give all four."
                 )
-# Counts and angles are confused most often, so the advice names what is meant.
+            # Counts and angles are confused most often, so the advice names what is meant.
             advice = (
                 "Give the encoder count of each joint."
                 if name == "pulses"

@@ -90,7 +90,7 @@ class _Compiled:
         The loop has this structure, and may have other numbers. Path, clock, replayed and injected
         are as for `time_tables`, `data` is (M, m).
         """
-# A long path has many columns of which a kernel reads few; the others are never computed.
+        # A long path has many columns of which a kernel reads few; the others are never computed.
         narrow, places = _narrow(self._columns(logged))
         tables = time_tables(loop, path, clock, replayed, injected, narrow)
         return self._prepared((*tables, data), places)
@@ -144,7 +144,7 @@ class LoopKernel(_Compiled):
         (L, W), all others `uniform` (U,). With `logs`, sample_log and step_log to be filled, there
         is one individual, otherwise `width`.
         """
-# One individual writes a log; a population has none, but its kernel takes the arrays.
+        # One individual writes a log; a population has none, but its kernel takes the arrays.
         name = "single"
         if logs is None:
             name = self.program_name
@@ -165,7 +165,7 @@ class LoggedKernel(_Compiled):
 
     def with_data(self, tables: tuple[Any, ...], data: Floats) -> tuple[Any, ...]:
         """The same tables with other data (M, m)."""
-# The other tables depend on path and clock alone, and are shared.
+        # The other tables depend on path and clock alone, and are shared.
         law, sample, step, _, h = tables
         columns = self._columns(logged=False)["data"]
         return law, sample, step, np.ascontiguousarray(data[:, columns]), h
@@ -179,7 +179,7 @@ class LoggedKernel(_Compiled):
         begin = self.loop.time_fields.at(self.loop.n)[name].start
 
         def changed(table, block, repeats):
-# A kernel reads a few columns of a field, so each goes to the joint that it belongs to.
+            # A kernel reads a few columns of a field, so each goes to the joint that it belongs to.
             joints = np.array(self._columns(logged=False)[block], int) - begin
             field = (joints >= 0) & (joints < self.loop.n)
             table = table.copy()
@@ -216,7 +216,7 @@ class LoggedKernel(_Compiled):
         h = tables[-1]
         final = np.empty_like(initial)
         errors = np.empty((samples, self.loop.n, self.width))
-# Samples that the kernel does not reach are overwritten below.
+        # Samples that the kernel does not reach are overwritten below.
         kernel, _ = self.program("logged")
         logs = errors.reshape(-1, self.width), np.empty((0, 0))
         steps = kernel.call("logged", initial, lanes, np.append(uniform, h), *columns, *logs, final)
@@ -247,7 +247,7 @@ class Structure:
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, Structure):
             return NotImplemented
-# The numbers of steps are bounds of the loops in the kernel.
+        # The numbers of steps are bounds of the loops in the kernel.
         return self.key == other.key and self.loop.steps_per_sample == other.loop.steps_per_sample
 
     def __hash__(self) -> int:
