@@ -83,8 +83,20 @@ class Identification(Shown, Saved, Frozen):
             name: [fingerprint(log) for log in getattr(self, name)]
             for name in ("records", "held_out")
         }
-        search = {"method": self.search.method, "seed": self.search.seed, "warnings": self.warnings}
-        return {"versions": dict(self.versions)} | logs | search
+        search = {"method": self.search.method, "seed": self.search.seed}
+        lines = {"warnings": self.warnings, "doubts": self.doubts}
+        # The lines belong to these values: no other results may stand under them.
+        digest = fingerprint([self.fit, self.diagnostics, lines])
+        return {"versions": dict(self.versions)} | logs | search | lines | {"digest": digest}
+
+    def _restored(self, provenance: dict[str, Any]) -> None:
+        # A file of an earlier version has no digest: its warnings are computed again.
+        if "digest" not in provenance:
+            computed = self.provenance()
+            provenance |= {name: computed[name] for name in ("doubts", "digest")}
+            return
+        doubts = set(provenance["doubts"])
+        self.__dict__["_warnings"] = {line: line in doubts for line in provenance["warnings"]}
 
     # -- everyday attributes of the groups `fit`, `search` and `diagnostics` ----------------------
     @property
@@ -245,15 +257,20 @@ class Identification(Shown, Saved, Frozen):
             records.append(record)
         return tuple(records)
 
-    @functools.cached_property
+    @property
     def warnings(self) -> list[str]:
         """Reasons to doubt the values, one line each, causes before their effects."""
-        return warnings_of(self)
+        return list(self._warnings)
 
-    @functools.cached_property
+    @property
     def doubts(self) -> list[str]:
         """The same without those that hold for any log with these unknowns."""
-        return warnings_of(self, always=False)
+        return [line for line, doubts in self._warnings.items() if doubts]
+
+    # They check the logs once more, which takes seconds: a file keeps them.
+    @functools.cached_property
+    def _warnings(self) -> dict[str, bool]:
+        return warnings_of(self)
 
     def summary(self, *, full: bool = False) -> str:
         """The text that `print` shows; of many unknowns, one screen.

@@ -20,6 +20,7 @@ from plant.checkup.oscillation import own_oscillations
 from plant.checkup.rounding import rounding_doubts
 from plant.machine.unlikely import unlikely_statements
 from plant.parts.fields import Floats
+from plant.parts.one_thread import one_thread
 
 _Lines: TypeAlias = Iterator[str]
 
@@ -77,24 +78,21 @@ SETTINGS = WarningSettings()
 class _Case:
     """An `Identification` with the facts that several checks read.
 
-    `always`: include warnings that hold for any log with these unknowns. `fits`: the values of
-    prediction_error explain the log, so the rig is not at fault. `replayed`: a log's torque was
-    replayed. `late`: delays (n,) [samples] of the counts under the stated law, by the place of
-    their record.
+    `fits`: the values of prediction_error explain the log, so the rig is not at fault. `replayed`:
+    a log's torque was replayed. `late`: delays (n,) [samples] of the counts under the stated law,
+    by the place of their record.
     """
 
     identification: Any
-    always: bool
     fits: bool
     replayed: bool
     late: dict[int, Floats]
 
     @classmethod
-    def of(cls, identification, always):
+    def of(cls, identification):
         records = identification.records
         return cls(
             identification=identification,
-            always=always,
             fits=identification.diagnostics.closest > 0,
             replayed=any(record.law is not None and record.law.replays for record in records),
             late=_late(identification),
@@ -110,21 +108,22 @@ class _Case:
         return f"the log of records[{i}]" if several else "the log"
 
 
-def warnings_of(identification: Any, always: bool = True) -> list[str]:
-    """Lines about an `Identification`, causes first.
+@one_thread
+def warnings_of(identification: Any) -> dict[str, bool]:
+    """Lines about an `Identification`, causes first, and whether each doubts the values.
 
-    `always`: include those that hold for any log with these unknowns.
+    A line that holds for any log with these unknowns doubts none.
     """
-    case = _Case.of(identification, always)
+    case = _Case.of(identification)
     # The names of the causes document the order; lines have no names.
-    lines = [line for _, check in _CHECKS for line in check(case)]
-    # Columns that were misread explain any line, but accuse no log that has none.
-    records = identification.records if lines else ()
+    lines = {line: check not in _ALWAYS for _, check in _CHECKS for line in check(case)}
+    # Columns that were misread explain any doubt, but accuse no log that has none.
+    records = identification.records if any(lines.values()) else ()
     misreadings = [text[1:] for text in map(misread, records) if text]
     # Wrong signs are reported even where no line doubts the log.
     causes = restated(identification.arm.dynamics, identification.records[0])
     signs = [cause.line for cause in causes]
-    return [*dict.fromkeys(misreadings), *signs, *lines]
+    return dict.fromkeys([*misreadings, *signs], True) | lines
 
 
 def of_statements(rig: Rig, records: Iterable[Record], chain: Chain) -> _Lines:
@@ -342,7 +341,7 @@ def _absorbing_delay(case):
 def _absorbed_delay(case):
     """Unknowns that take a delay over, in any log."""
     absorbing = _absorbing_delay(case)
-    if absorbing and case.always and not case.replayed:
+    if absorbing and not case.replayed:
         yield (
             f"a delay of the log is not separately identifiable from {', '.join(absorbing)}; be"
             " sure of the timing."
@@ -496,3 +495,6 @@ _CHECKS: tuple[tuple[str, Callable[[_Case], _Lines]], ...] = (
     # 5. Last the lines that do not doubt the log, but the use of single values.
     ("values that are not separately identifiable", _pairs),
 )
+
+# Checks whose lines hold for any log with these unknowns.
+_ALWAYS = (_absorbed_delay,)

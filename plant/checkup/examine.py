@@ -22,6 +22,7 @@ from plant.checkup.stamps import lost_findings, time_findings
 from plant.checkup.views import cause_findings, copied_columns, measured_findings
 from plant.checkup.without_arm import SWITCHES, TABLE, Trials
 from plant.parts.fields import Floats
+from plant.parts.one_thread import one_thread
 
 
 # -- torque: saturation, clipping, backlash -------------------------------------------------------
@@ -185,6 +186,7 @@ _BEFORE = _of_torque("clipped torque", _clipped), oscillation_findings, quantisa
 _AFTER = _of_torque("saturation", _saturated), _of_torque("backlash", _backlash)
 
 
+@one_thread
 def examine(record, hypotheses: Sequence[Hypothesis[Any]] = ()) -> Checkup:
     """Check a record for errors; ``record.check()`` does.
 

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from plant.parts.fields import Floats
+from plant.parts.one_thread import one_thread
 
 T = TypeVar("T")
 C = TypeVar("C", bound=Callable[..., Any])
@@ -245,7 +246,8 @@ def known_options(callable_: C) -> C:
     def wrapper(*args, **kwargs):
         verify(args[is_class:], kwargs)  # without self
         try:
-            return wrapped(*args, **kwargs)
+            with one_thread:
+                return wrapped(*args, **kwargs)
         except np.linalg.LinAlgError as error:
             # A nested call has been explained already by the innermost function.
             if _UNSOLVED in str(error):

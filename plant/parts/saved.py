@@ -98,6 +98,9 @@ class Saved:
         """Origin of the content that the file records beside the versions of the libraries."""
         return {}
 
+    def _restored(self, provenance: dict[str, Any]) -> None:
+        """Take over from a file what takes long to compute again; by default nothing."""
+
 
 def _read(cls: Any, path: str | Path) -> Any:
     data = parsed(read_bounded(path, MOST))
@@ -134,14 +137,11 @@ def _read(cls: Any, path: str | Path) -> Any:
             f"must hold what its head says, a {data['kind']:.60}; it does not. Save it again."
         )
     result = from_plain(content)
-    provenance = data["provenance"]
+    provenance = data["provenance"] if isinstance(data["provenance"], dict) else {}
     # Compare the provenance of the content with the stored one: it differs after an edit by hand.
+    result._restored(provenance)
     expected = result.provenance()
-    differs = [
-        key
-        for key in expected
-        if not isinstance(provenance, dict) or provenance.get(key) != expected[key]
-    ]
+    differs = [key for key in expected if provenance.get(key) != expected[key]]
     if differs:
         raise ValueError(
             f"must have the {differs[0]} that its head says; it has been changed. Save it again."

@@ -1,17 +1,14 @@
 """Sums in a fixed order: the same bits for any number of threads of the linear algebra library.
 
 That library (BLAS) shares long products out over its threads, and the order of a sum decides its
-last bits. What is as long as a log is summed here; small matrices go to `numpy.linalg`, which does
-them on one thread.
+last bits. What is as long as a log is summed here, on one thread, which is also the fastest for
+matrices so narrow; small matrices go to `numpy.linalg`, which does them on one thread.
 """
 
 import numpy as np
 
 from plant.parts.fields import Floats
-
-# Columns of a block. Its products with the columns before it follow from symmetry, so that a small
-# block saves work, and a large one calls of `einsum`; chosen by hand.
-_AT_ONCE = 8
+from plant.parts.one_thread import one_thread
 
 
 def dot(a: Floats, b: Floats) -> float:
@@ -24,42 +21,25 @@ def norm(a: Floats) -> float:
     return float(np.sqrt((a * a).sum()))
 
 
+@one_thread
 def product(rows: Floats, columns: Floats) -> Floats:
     """Rows (N, k) times columns (k,) or (k, m)."""
-    if columns.ndim == 1:
-        return np.asarray((rows * columns).sum(axis=1))
-    sums = [(rows * column).sum(axis=1) for column in columns.T]
-    return np.column_stack(sums) if sums else np.empty((len(rows), 0))
+    return rows @ columns
 
 
+@one_thread
 def products(rows: Floats) -> Floats:
     """Sums of the products (k, k) of the columns of rows (N, k)."""
-    sums = np.empty((rows.shape[1],) * 2)
-    for i in range(0, len(sums), _AT_ONCE):
-        sums[i : i + _AT_ONCE, i:] = np.einsum("mi,mj->ij", rows[:, i : i + _AT_ONCE], rows[:, i:])
-        # The matrix is symmetric: copy the block below the diagonal.
-        sums[i:, i : i + _AT_ONCE] = sums[i : i + _AT_ONCE, i:].T
-    return sums
+    # Of one array with itself BLAS computes a triangle, and numpy copies it: exactly symmetric.
+    rows = np.ascontiguousarray(rows)
+    return rows.T @ rows
 
 
+@one_thread
 def triangle(rows: Floats) -> Floats:
-    """R (k, k) of rows (N, k) = Q R, by reflections; missing rows are zeros if N < k.
-
-    Source: A. Householder, Unitary triangularization of a nonsymmetric matrix, Journal of the ACM
-    5, 1958.
-    """
-    k = rows.shape[1]
-    reduced = np.vstack([rows, np.zeros((max(0, k - len(rows)), k))]).astype(float)
-    # Reflect each column onto its first entry; zero columns stay as they are.
-    for i in range(k):
-        mirror = reduced[i:, i].copy()
-        length = norm(mirror)
-        if length:
-            # The sign of the first entry avoids cancellation.
-            mirror[0] += np.copysign(length, mirror[0])
-            mirror /= norm(mirror)
-            reduced[i:, i:] -= 2 * mirror[:, None] * (mirror[:, None] * reduced[i:, i:]).sum(axis=0)
-    return np.triu(reduced[:k])
+    """R (k, k) of rows (N, k) = Q R; missing rows are zeros if N < k."""
+    missing = max(0, rows.shape[1] - len(rows))
+    return np.linalg.qr(np.vstack([rows, np.zeros((missing, rows.shape[1]))]), mode="r")
 
 
 def least(rows: Floats, target: Floats, rcond: float | None = None) -> Floats:

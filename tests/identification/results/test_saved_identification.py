@@ -1,5 +1,6 @@
 """An identification kept in a file: equal, with the same bits out of what is made of it."""
 
+import dataclasses
 import json
 import re
 
@@ -8,6 +9,7 @@ from uncertain import with_uncertainty
 
 from ctc import Certificate, ComputedTorque, certify
 from identification import Identification, identify
+from identification.results import identification
 from plant import puma560, simulate
 
 RIG, PATH = puma560.rig(), puma560.reference()
@@ -74,4 +76,44 @@ def test_the_file_says_where_it_comes_from_and_a_changed_log_is_seen(found, path
     with pytest.raises(
         ValueError, match="must have the records that its head says; it has been changed"
     ):
+        Identification.load(path)
+
+
+def test_a_file_keeps_the_warnings_as_they_were(found, path, monkeypatch):
+    """Nothing checks the logs again; a file of before has no digest, and is checked again."""
+    late = dataclasses.replace(found, diagnostics=dataclasses.replace(found.diagnostics, delay=0.5))
+    assert late.doubts and set(late.doubts) <= set(late.warnings)
+    late.save(path)
+    checked = []
+    computed = identification.warnings_of
+    monkeypatch.setattr(
+        identification, "warnings_of", lambda result: checked.append(result) or computed(result)
+    )
+    again = Identification.load(path)
+    assert (again.warnings, again.doubts) == (late.warnings, late.doubts)
+    assert not checked
+    data = json.loads(path.read_text())
+    before = {
+        name: value
+        for name, value in data["provenance"].items()
+        if name not in ("doubts", "digest")
+    }
+    path.write_text(json.dumps(data | {"provenance": before}))
+    assert Identification.load(path).doubts == late.doubts
+    assert checked
+
+
+@pytest.mark.parametrize("change", ["a warning goes", "a doubt goes", "another value"])
+def test_warnings_stand_under_their_own_values_alone(found, path, change):
+    late = dataclasses.replace(found, diagnostics=dataclasses.replace(found.diagnostics, delay=0.5))
+    late.save(path)
+    data = json.loads(path.read_text())
+    if change == "another value":
+        data["content"]["fit"]["values"]["array"][0] *= 1.5
+    elif change == "a doubt goes":
+        data["provenance"]["doubts"] = []
+    else:
+        data["provenance"] |= {"warnings": [], "doubts": []}
+    path.write_text(json.dumps(data))
+    with pytest.raises(ValueError, match="must have the digest that its head says"):
         Identification.load(path)

@@ -5,11 +5,16 @@ algebra library.
 import os
 import subprocess
 import sys
+import threading
+import time
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
 import pytest
+from threadpoolctl import ThreadpoolController
 
+from plant.parts.one_thread import one_thread
 from plant.parts.sums import dot, least, norm, product, products, triangle
 
 RANDOM = np.random.default_rng(0)
@@ -56,9 +61,51 @@ def test_products_and_lengths():
 
 
 @pytest.mark.parametrize("shape", [(3000, 21), (50, 8), (5, 1), (4, 0)])
-def test_products_of_columns_are_summed_once_in_the_order_of_all(shape):
-    for rows in (RANDOM.normal(size=shape), RANDOM.normal(size=shape[::-1]).T):
-        np.testing.assert_array_equal(products(rows), np.einsum("mi,mj->ij", rows, rows))
+def test_products_of_columns_are_exact_where_sums_are_and_symmetric(shape):
+    """Whole numbers have no rounding; of others both triangles have the same bits."""
+    for rows in (RANDOM.integers(-99, 99, shape), RANDOM.integers(-99, 99, shape[::-1]).T):
+        np.testing.assert_array_equal(products(rows.astype(float)), rows.T @ rows)
+        uneven = products(rows / 7)
+        np.testing.assert_array_equal(uneven, uneven.T)
+
+
+def blas_threads():
+    """Threads of each linear algebra library that is loaded."""
+    pools = ThreadpoolController().info()
+    return [pool["num_threads"] for pool in pools if pool["user_api"] == "blas"]
+
+
+def test_the_linear_algebra_library_has_one_thread_inside_and_its_own_number_afterwards():
+    """Also of contexts inside each other, after an error, and in the checkup of a log."""
+    with ThreadpoolController().limit(limits=2, user_api="blas"):
+        if 2 not in blas_threads():
+            pytest.skip("a library with a single thread")
+        with pytest.raises(KeyError), one_thread:
+            with one_thread:
+                assert set(blas_threads()) == {1}
+            assert set(blas_threads()) == {1}
+            raise KeyError
+        assert 2 in blas_threads()
+
+
+@pytest.mark.parametrize("threads", [1, 4])
+def test_threads_that_enter_in_turns_leave_the_number_as_it_was(threads):
+    """The first to enter is not the last to leave."""
+    with ThreadpoolController().limit(limits=2, user_api="blas"):
+        before = blas_threads()
+        barrier = threading.Barrier(threads)
+
+        def work(i):
+            for _ in range(20):
+                barrier.wait()
+                with one_thread:
+                    time.sleep(1e-4 * i)
+                    assert set(blas_threads()) == {1}
+            return True
+
+        with ThreadPoolExecutor(threads) as pool:
+            assert all(pool.map(work, range(threads)))
+        assert blas_threads() == before
 
 
 SCRIPT = """
