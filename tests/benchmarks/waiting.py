@@ -140,7 +140,17 @@ def run(name, folder):
     found, page = str(folder / "found.json"), str(folder / "page.html")
     log, robot = str(folder / "log.csv"), str(folder / "robot.toml")
     arguments = {
-        "identify": ["identify", log, "--robot", robot, "--unknown", "friction", "-o", found, "--force"],
+        "identify": [
+            "identify",
+            log,
+            "--robot",
+            robot,
+            "--unknown",
+            "friction",
+            "-o",
+            found,
+            "--force",
+        ],
         "report": ["report", found, "-o", page, "--force"],
         "certify": ["certify", found, "--everyday"],
         "tune": ["tune", found, "--friction", "0.02"],
@@ -172,8 +182,7 @@ def child(tree, name, folder):
     command = [sys.executable, "-P", __file__, "--child", name, "--folder", str(folder)]
     with timed() as spent:
         answer = subprocess.run(  # noqa: S603
-            command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=environment,
-            cwd=tree, check=False,
+            command, capture_output=True, text=True, env=environment, cwd=tree, check=False,
         )  # fmt: skip
     (folder / f"{name}.txt").write_text(answer.stderr)
     if answer.returncode:

@@ -82,7 +82,8 @@ def test_the_file_says_where_it_comes_from_and_a_changed_log_is_seen(found, path
 def test_a_file_keeps_the_warnings_as_they_were(found, path, monkeypatch):
     """Nothing checks the logs again; a file of before has no digest, and is checked again."""
     late = dataclasses.replace(found, diagnostics=dataclasses.replace(found.diagnostics, delay=0.5))
-    assert late.doubts and set(late.doubts) <= set(late.warnings)
+    assert late.doubts
+    assert set(late.doubts) <= set(late.warnings)
     late.save(path)
     checked = []
     computed = identification.warnings_of
