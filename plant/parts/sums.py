@@ -39,7 +39,7 @@ def products(rows: Floats) -> Floats:
 def triangle(rows: Floats) -> Floats:
     """R (k, k) of rows (N, k) = Q R; missing rows are zeros if N < k."""
     missing = max(0, rows.shape[1] - len(rows))
-    return np.linalg.qr(np.vstack([rows, np.zeros((missing, rows.shape[1]))]), mode="r")
+    return np.asarray(np.linalg.qr(np.vstack([rows, np.zeros((missing, rows.shape[1]))]), mode="r"))
 
 
 def least(rows: Floats, target: Floats, rcond: float | None = None) -> Floats:
