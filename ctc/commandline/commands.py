@@ -27,7 +27,7 @@ from ctc.laws.computed_torque import ComputedTorque
 from ctc.report.report import write_report
 from ctc.tuning.tune import tune
 from ctc.verdict.evaluations import evaluate
-from identification import Identification, identify
+from identification import Identification, fit_torque, identify
 from identification.results.summary import doubts
 from plant import Dynamics
 from plant.models.new_robot import MISSING, new_robot_file
@@ -170,6 +170,44 @@ def run_identify(options: Namespace) -> Answer:
         _identified(identification) | {"file": str(place)},
         good,
     )
+
+
+def run_fit_torque(options: Namespace) -> Answer:
+    """Fit f and friction to logged torques, and predict those of logs that were held out."""
+    robot = read_robot(options.robot)
+    records = records_of(options.logs, robot, options.cut)
+    held_out = records_of(options.held_out, robot, options.cut) if options.held_out else ()
+    dynamics = cast(Dynamics, robot.dynamics)
+    unknown = options.unknown and (*dynamics.names, *options.unknown)
+    fit = fit_torque(dynamics, records, unknown=unknown, prior=options.prior)
+    # The error of the fit's own logs comes before that of others: the two are compared.
+    errors = {record.name: fit.error_on(record, band=options.band) for record in records}
+    errors |= {
+        f"{record.name} (held out)": fit.error_on(record, band=options.band) for record in held_out
+    }
+    texts = [str(fit), *(f"{name}: {error}" for name, error in errors.items())]
+    data = {
+        "warnings": fit.warnings,
+        "values": {
+            name: {"value": float(value), "std": plain_number(std)}
+            for name, value, std in zip(fit.names, fit.values, fit.std, strict=True)
+        },
+        "errors": {
+            name: {
+                "relative": error.total,
+                "band": error.band,
+                "rows": error.rows,
+                "joints": {
+                    joint: {"relative": plain_number(relative), "rms": plain_number(rms)}
+                    for joint, relative, rms in zip(
+                        error.joints, error.relative, error.rms, strict=True
+                    )
+                },
+            }
+            for name, error in errors.items()
+        },
+    }
+    return Answer("\n\n".join(texts), data, not fit.warnings)
 
 
 def _identified(identification: Identification) -> dict[str, Any]:
@@ -384,6 +422,7 @@ COMMANDS = {
     "robots": run_robots,
     "check": run_check,
     "identify": run_identify,
+    "fit-torque": run_fit_torque,
     "certify": run_certify,
     "tune": run_tune,
     "report": run_report,

@@ -199,6 +199,14 @@ _BANDWIDTH = _option(
 _CHECKPOINT = _option(
     "--checkpoint", "keep finished work there: called again, it goes on", metavar="FILE"
 )
+# A model is needed here; its columns read the logs, too.
+_MODEL = _option("--robot", "robot file, or the name of one", metavar="TOML", required=True)
+_PRIOR = _option(
+    "--prior",
+    "standard deviation of the model's own bodies, as 0.3, for what the log does not excite",
+    type=float,
+    metavar="SHARE",
+)
 # Settings of options that several commands word differently.
 _ROBOT: Any = {"metavar": "TOML"}
 _ENDS: Any = {"nargs": "+", "type": float, "action": _Ends, "metavar": "X"}
@@ -271,8 +279,7 @@ _COMMANDS: dict[str, tuple[str, Any]] = {
         (
             _SEED,
             *_LOGS,
-            # A model is needed here; its columns read the logs, too.
-            _option("--robot", "robot file, or the name of one", **_ROBOT, required=True),
+            _MODEL,
             _option("--method", "seeded (default), paper, prediction_error, ...", default="seeded"),
             # Further unknowns make the intervals wider: none is added without being asked for.
             _option(
@@ -281,17 +288,29 @@ _COMMANDS: dict[str, tuple[str, Any]] = {
                 nargs="+",
                 metavar="NAME",
             ),
-            _option(
-                "--prior",
-                "standard deviation of the model's own bodies, as 0.3, for what the log does"
-                " not excite",
-                type=float,
-                metavar="SHARE",
-            ),
+            _PRIOR,
             _flag("--elasticity", "stiffness and damping of the gears, too"),
             _option("--held-out", "logs for validation, only simulated", nargs="+", metavar="LOG"),
             *_output("file for certify and report"),
             _CHECKPOINT,
+        ),
+    ),
+    "fit-torque": (
+        "fit f and friction to logged torques, with the error on other logs",
+        (
+            *_LOGS,
+            _MODEL,
+            _option(
+                "--unknown",
+                "beside f (default: what the robot file leaves open): such as drive.coulomb[0]",
+                nargs="+",
+                metavar="NAME",
+            ),
+            _PRIOR,
+            _option(
+                "--held-out", "logs whose torques are only predicted", nargs="+", metavar="LOG"
+            ),
+            _option("--band", "in which errors are compared [Hz] (default 10)", type=float),
         ),
     ),
     "certify": (

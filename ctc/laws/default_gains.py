@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from identification import Identification
+from identification.equation_error.estimate import Estimate
 from identification.equation_error.regressor import linear, regressor_along
 from identification.results.summary import doubts
 from plant import Rig
@@ -160,16 +160,16 @@ def default_gains(
 
 def known_gains(source: Any, rig: Any = None, settings: DefaultGainSettings = SETTINGS) -> Gains:
     """Gains from the knowledge of the arm alone, whatever the period and the gears allow."""
-    if rig is None and isinstance(source, Identification):
+    if rig is None and isinstance(source, Estimate):
         rig = source.rig
     if isinstance(rig, Rig) and rig.inner is not None:
         return settings.goals if rig.inner.sends == "goal" else settings.frames
     # Without a covariance nothing says how far the model may be trusted.
-    if not isinstance(source, Identification) or source.covariance is None:
+    if not isinstance(source, Estimate) or source.covariance is None:
         return settings.arm
     # With friction among the unknowns its covariance counts, too.
     friction = ("drive.viscous", "drive.coulomb")
-    if not any(name.startswith(friction) for name in source.fit.unknown):
+    if not any(name.startswith(friction) for name in source.unknown):
         return settings.identified
     if isinstance(rig, Rig) and rig.drive.elasticity is not None:
         return settings.elastic
@@ -185,19 +185,18 @@ def known_gains(source: Any, rig: Any = None, settings: DefaultGainSettings = SE
     return gains._replace(bandwidth=bandwidth, dead_zone=dead_zone)
 
 
-def uncertain_acceleration(identification: Identification, samples: int) -> float:
+def uncertain_acceleration(estimate: Estimate, samples: int) -> float:
     """Largest standard deviation of an acceleration on the identified path [pulses/s^2].
 
     Due to f and friction; 0 where the path or the covariance is not known.
     """
-    path = identification.records[0].reference
-    if path is None or identification.covariance is None:
+    path = estimate.path
+    if path is None or estimate.covariance is None:
         return 0.0
-    arm = identification.arm
-    rig = identification.rig
-    fit = identification.fit
+    arm = estimate.arm
+    rig = estimate.rig
     motion = path(np.linspace(0, path.duration, samples, endpoint=False))
-    names = linear(arm.dynamics, rig, fit.unknown)
+    names = linear(arm.dynamics, rig, estimate.unknown)
     regressor, _ = regressor_along(arm.dynamics, rig, names, motion)
     # The encoder converts each joint alone: columns of a unit matrix give its slopes.
     pulses = np.column_stack([rig.position_in_pulses(joint) for joint in np.eye(arm.n)])
@@ -205,7 +204,7 @@ def uncertain_acceleration(identification: Identification, samples: int) -> floa
     slopes = np.array(
         [pulses @ np.linalg.solve(arm.D(q), Y) for q, Y in zip(motion.q, regressor, strict=True)]
     )
-    variance = np.einsum("tik,kl,til->ti", slopes, fit.covariance_of(names), slopes)
+    variance = np.einsum("tik,kl,til->ti", slopes, estimate.covariance_of(names), slopes)
     return float(np.sqrt(variance.max()))
 
 
@@ -217,7 +216,7 @@ def _bandwidth(
     settings: DefaultGainSettings,
 ) -> float:
     """That bandwidth, or the largest that the period and elastic gears allow [rad/s]."""
-    identified = isinstance(source, Identification)
+    identified = isinstance(source, Estimate)
     if identified and rig is None:
         rig = source.rig
     if not isinstance(rig, Rig):  # the law refuses it, with its other fields
@@ -231,7 +230,7 @@ def _bandwidth(
     arm = getattr(source, "arm", source)
     poses = np.zeros((1, rig.n))
     # Inertia changes with the pose, and stability with it.
-    path = source.records[0].reference if identified else None
+    path = source.path if identified else None
     if path is not None:
         poses = path(np.linspace(0, path.duration, settings.poses, endpoint=False)).q
     while bandwidth > settings.smallest:

@@ -7,7 +7,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
-from identification import Identification
+from identification.equation_error.estimate import Estimate
 from identification.results.summary import warn_of_doubts
 from plant import Arm, Law, Rig
 from plant.analysis.sampled_loops import SampledLoops
@@ -56,7 +56,7 @@ class ModelLaw(Law):
         found = self.arm
         name = type(self).__name__
         # An identification brings arm and rig; a stated rig goes before its own.
-        if isinstance(found, Identification):
+        if isinstance(found, Estimate):
             object.__setattr__(self, "arm", found.arm)
             object.__setattr__(self, "rig", found.rig if self.rig is None else self.rig)
             warn_of_doubts(found, name)

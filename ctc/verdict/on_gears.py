@@ -14,7 +14,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from identification import Identification
+from identification.equation_error.estimate import Estimate
 from plant import Arm, Drive, Elasticity, Law, Reference, Rig
 from plant.machine.elasticity import DAMPING_RATIO
 from plant.parts import Frozen, Piece, Shown, Verdict, frozen, instance, real
@@ -68,7 +68,7 @@ def damping_of(damping_ratio: Any) -> float:
 
 def arm_of(arm: Any, alternatives: str = "") -> Arm:
     """The arm itself, or that of an identification; `alternatives` are for the message."""
-    controlled: Any = arm.arm if isinstance(arm, Identification) else arm
+    controlled: Any = arm.arm if isinstance(arm, Estimate) else arm
     advice = f"Pass the arm that is controlled, or an identification{alternatives}."
     return instance("arm", controlled, Arm, advice)
 

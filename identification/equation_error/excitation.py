@@ -4,9 +4,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from identification.equation_error.filters import derivatives
+from identification.equation_error.filters import BAND_MOST, CUTOFF, derivatives
 from identification.equation_error.prior import Prior
-from identification.equation_error.pulse_fit import BAND_MOST, CUTOFF, pass_band
+from identification.equation_error.pulse_fit import pass_band
 from identification.equation_error.regressor import regressor_along
 from plant import Dynamics, Record
 from plant.checkup.counts import hardly_moving, in_step

@@ -12,6 +12,12 @@ from plant.parts import Floats, real
 # the attenuation of twice the order.
 _ORDER = 4
 
+# Cutoff of the low-pass before differentiation, in pass bands: its slope must not reach into them.
+CUTOFF = 2.5
+
+# Highest pass band, in sample rates: the cutoff stays below half of the sample rate.
+BAND_MOST = 0.4 / CUTOFF
+
 
 def low_pass(x: ArrayLike, period: float, cutoff: float) -> Floats:
     """Zero-phase low-pass of the columns of x (N, ...).

@@ -17,10 +17,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from identification.equation_error.filters import by_differences, derivatives, low_pass
+from identification.equation_error.filters import CUTOFF, by_differences, derivatives, low_pass
 from identification.equation_error.least_squares import NORMAL
 from identification.equation_error.prior import Known
-from identification.equation_error.pulse_fit import CUTOFF, filtering_of, fit_systems, mode_in
+from identification.equation_error.pulse_fit import filtering_of, fit_systems, mode_in
 from identification.equation_error.regressor import compared, linear, regressor_along
 from identification.equation_error.torque_fit import TorqueFit
 from identification.equation_error.torque_logs import torque_of

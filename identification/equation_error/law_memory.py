@@ -12,7 +12,8 @@ from typing import Any, NamedTuple, Self
 
 import numpy as np
 
-from identification.equation_error.pulse_fit import BAND_MOST, BANDS, ENOUGH, filtering_of
+from identification.equation_error.filters import BAND_MOST
+from identification.equation_error.pulse_fit import BANDS, ENOUGH, filtering_of
 from identification.equation_error.regressor import linear, regressor_and_torque
 from identification.equation_error.torque_fit import weighted
 from identification.equation_error.torque_logs import law_torque

@@ -2,14 +2,14 @@
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from identification.equation_error.arm_check import FittedArm
 from identification.equation_error.band_choice import SHARES, choose_band, choose_speed
-from identification.equation_error.filters import derivatives
+from identification.equation_error.filters import BAND_MOST, CUTOFF, derivatives
 from identification.equation_error.friction_trial import (
     ASYMMETRIC,
     LOAD_DEPENDENT,
@@ -21,10 +21,11 @@ from identification.equation_error.friction_trial import (
 from identification.equation_error.friction_trial import SETTINGS as FRICTION
 from identification.equation_error.least_squares import (
     NotIdentifiableError,
-    covariance_of,
     dependent_columns,
 )
-from identification.equation_error.pulse_fit import BAND_MOST, CUTOFF, speed_noise, without_known
+from identification.equation_error.offsets import evident
+from identification.equation_error.prior import Prior
+from identification.equation_error.pulse_fit import speed_noise, without_known
 from identification.equation_error.regressor import (
     LINEAR,
     Filtering,
@@ -41,6 +42,8 @@ from plant.parts.arguments import array, choice, instance, known_options, real, 
 from plant.parts.fields import Bools, Floats
 from plant.parts.frozen import frozen
 from plant.parts.settings import frozen_settings
+
+OFFSET = "drive.curve.offset"
 
 # Further columns by name: (q, qd, qdd) -> torque (N, n) per unit.
 Columns = Mapping[str, Callable[..., ArrayLike]]
@@ -97,6 +100,7 @@ class TorqueEquations:
 
     `names`: of the columns, without the further ones: unknown or known. `extra`: further columns.
     `known`: values of some columns. `used` (R, n): of which logs and joints the torque is used.
+    `prior`: of f, or None.
     """
 
     dynamics: Dynamics
@@ -105,6 +109,34 @@ class TorqueEquations:
     extra: Columns
     known: Mapping[str, float]
     used: Bools
+    prior: Prior | None = None
+
+    def fit(
+        self, selection: Selection, weights: Floats | None, *, thin: bool = False, **report: Any
+    ) -> TorqueFit:
+        """Least squares on the selected equations, with friction that is not negative."""
+        names, systems = self.systems(selection, thin=thin)
+        prior = None if self.prior is None else self.prior.rows(names, self.known)
+        return weighted(
+            self.dynamics, names, systems, weights, self.seconds, prior, braking=True, **report
+        )
+
+    def with_offsets(self, joints: Iterable[int]) -> Self:
+        """The same with unknown friction offsets of these joints."""
+        offsets = tuple(f"{OFFSET}[{j}]" for j in joints)
+        if not offsets:
+            return self
+        zero = FrictionCurve(offset=np.zeros(self.dynamics.n))
+        logs = []
+        for log in self.logs:
+            drive = log.rig.drive
+            if drive.curve is None:
+                drive = replace(drive, curve=zero)
+            logs.append(replace(log, rig=replace(log.rig, drive=drive)))
+        # Known numbers stay behind the unknown ones.
+        unknown = [name for name in self.names if name not in self.known]
+        known = [name for name in self.names if name in self.known]
+        return replace(self, logs=tuple(logs), names=(*unknown, *offsets, *known))
 
     def systems(
         self, selection: Selection, *, thin: bool = False
@@ -192,6 +224,7 @@ def equations_of(
     extra: Columns | None,
     known_values: Mapping[str, float] | None,
     joints: Iterable[int | str] | None,
+    prior: Any = None,
 ) -> TorqueEquations:
     """The arguments of `fit_torque`, checked."""
     # 1. Names: known ones may be short, and f that is neither unknown nor known is forgotten.
@@ -208,8 +241,12 @@ def equations_of(
         name if name in extra else long.get(name, name): value
         for name, value in (known_values or {}).items()
     }
+    logs = torque_logs(dynamics, q, torque, rig)
     if unknown is None:
-        unknown = [name for name in dynamics.names if name not in values]
+        # Friction that a rig leaves open is unknown, too.
+        unknown = [
+            name for name in (*dynamics.names, *_open(logs[0].rig, dynamics)) if name not in values
+        ]
     searched = tuple(unknown)
     for name, value in values.items():
         if name not in extra and not name.startswith(LINEAR):
@@ -227,8 +264,7 @@ def equations_of(
     if not set(names) | set(extra) > set(values):
         raise ValueError("a fit needs something unknown; all names are in known. Leave one out.")
 
-    # 2. Logs, and the joints whose torque is used in each.
-    logs = torque_logs(dynamics, q, torque, rig)
+    # 2. The joints whose torque is used in each log.
     used = np.ones((len(logs), dynamics.n), bool)
     # Log by log: a sensor may be missing in one alone.
     if joints is None:
@@ -256,8 +292,19 @@ def equations_of(
             f"some joint must have a torque; none has ({reasons}). Check which columns were read."
         )
     return TorqueEquations(
-        dynamics=dynamics, logs=tuple(logs), names=names, extra=extra, known=values, used=used
+        dynamics=dynamics,
+        logs=tuple(logs),
+        names=names,
+        extra=extra,
+        known=values,
+        used=used,
+        prior=None if prior is None else Prior.of(dynamics, logs[0].rig, prior),
     )
+
+
+def _open(rig: Rig, dynamics: Dynamics) -> list[str]:
+    """Names of the friction that a rig leaves open."""
+    return [f"drive.{kind}[{j}]" for kind in rig.drive.left_open for j in range(dynamics.n)]
 
 
 def _joint(dynamics: Dynamics, joint: Any) -> int:
@@ -286,6 +333,7 @@ def fit_torque(
     known: Mapping[str, float] | None = None,
     weights: ArrayLike | None = None,
     joints: Iterable[int | str] | None = None,
+    prior: Any = None,
 ) -> TorqueFit:
     """Fit f, and linear numbers of the drive, to logged positions and torques.
 
@@ -317,7 +365,9 @@ def fit_torque(
         all rows with a stated band, and two per period of a band that is chosen.
     unknown : sequence of str, optional
         All names of f that are not known, and any of ``drive.viscous[i]``, ``drive.coulomb[i]``,
-        ``drive.curve.offset[i]``; by default f.
+        ``drive.curve.offset[i]``; by default f, and friction that the rig leaves open. Beside an
+        unknown Coulomb level a friction offset is found where there is evidence of one, unless the
+        rig states offsets. Viscous and Coulomb friction are not negative.
     least_speed : float or (n,) array_like, optional
         Joint speed [rad/s] below which a joint's equation is left out: there the sign of its
         friction is uncertain. By default 0 with a stated band, and chosen together with a band that
@@ -333,6 +383,9 @@ def fit_torque(
     joints : sequence of int or str, optional
         The joints whose torques are used, by place or label. By default all but those of which the
         torque is missing or one constant throughout, log by log.
+    prior : float, or tuple of bodies or f and a float, optional
+        Relative spread of the chain's own bodies, or of others, or of f, as `identify` takes it:
+        for what the logs do not excite.
 
     Returns
     -------
@@ -356,7 +409,7 @@ def fit_torque(
     >>> print(fit_torque(puma560.dynamics(), record).relative_error < 0.2)
     True
     """
-    task = equations_of(dynamics, q, torque, rig, unknown, extra, known, joints)
+    task = equations_of(dynamics, q, torque, rig, unknown, extra, known, joints, prior)
     # All arguments are checked before the first fit, which takes seconds.
     stated = _weights(weights, task)
     slowest = _slowest(least_speed, task.dynamics.n)
@@ -380,33 +433,39 @@ def fit_torque(
         every = 1 if every is None else every
         slowest = np.zeros(task.dynamics.n) if slowest is None else slowest
 
-    # 2. The fit, and what is doubtful of it: known numbers, and friction of other kinds.
+    # 2. Offsets that the torques ask for, the fit, and what is doubtful of it: known numbers, and
+    # friction of other kinds.
     selection = Selection(width, cutoff, every, slowest)
-    names, systems = task.systems(selection)
-    # All settings of the fit are reported, chosen or stated: with them the fit can be repeated.
-    report |= {"band": width, "cutoff": cutoff_of(width, cutoff), "least_speed": slowest}
-    report["every"] = tuple(every_of(width, log.rig.period, every) for log in task.logs)
-    report["freed"] = dict(_freed(task, selection, stated))
     try:
-        fit = weighted(task.dynamics, names, systems, stated, task.seconds, **report)
+        task = _offsets(task, selection, stated)
+        # All settings of the fit are reported, chosen or stated: with them it can be repeated.
+        report |= {"band": width, "cutoff": cutoff_of(width, cutoff), "least_speed": slowest}
+        report["every"] = tuple(every_of(width, log.rig.period, every) for log in task.logs)
+        report["freed"] = dict(_freed(task, selection, stated))
+        fit = task.fit(selection, stated, extra=task.extra, **report)
         friction = _friction(task, fit, selection._replace(every=None))
         log = task.logs[0]
         arm = FittedArm(
             dynamics=task.dynamics,
             rig=log.rig,
             f=fit.f,
-            covariance=covariance_of(dynamics.names, fit.names, fit.covariance),
+            covariance=fit.covariance_of(dynamics.names),
             q=log.q,
             fitted=fit.names,
             # Torques are biased in bands with fast motion, which no deviation covers.
             rough=True,
         )
         return replace(
-            fit, friction=friction, causes=of_log(dynamics, log, width), doubts=tuple(arm.doubts())
+            fit,
+            path=log.path,
+            rig=log.rig.filled(dict(zip(fit.names, fit.values, strict=True)) | fit.known),
+            friction=friction,
+            causes=of_log(dynamics, log, width),
+            doubts=tuple(arm.doubts()),
         )
     except NotIdentifiableError as error:
         # Of all names at once: the error knows the first that depends on others.
-        advice = _advice(names, systems, left_out)
+        advice = _advice(*task.systems(selection), left_out)
         raise NotIdentifiableError(advice, error.name) from error
 
 
@@ -443,19 +502,44 @@ def _chosen(
     return width, task.least(usual, share, width), trials
 
 
+def _offsets(
+    task: TorqueEquations, selection: Selection, weights: Floats | None
+) -> TorqueEquations:
+    """The same with unknown offsets of the joints that have evidence of one."""
+    drive = task.logs[0].rig.drive
+    unknown = set(task.names) - set(task.known)
+    # Where the user states offsets, or any is unknown or known, that is what there is.
+    decided = any(name.startswith(OFFSET) for name in task.names)
+    stated = drive.curve is not None and bool(drive.curve.offset.any())
+    joints = [j for j in range(drive.n) if f"drive.coulomb[{j}]" in unknown]
+    if decided or stated or not joints:
+        return task
+    every = task.with_offsets(joints)
+    try:
+        fit = every.fit(selection, weights)
+    except ValueError:
+        # Some offset is not separately identifiable, or equations are too few: no evidence.
+        return task
+    places = [fit.names.index(f"{OFFSET}[{j}]") for j in joints]
+    levels = np.array([fit[f"drive.coulomb[{j}]"] for j in joints])
+    # A joint without Coulomb friction may have an offset of its sensor, of the size of its errors.
+    levels = np.maximum(levels, (fit.sigma / np.abs(drive.gear))[joints])
+    chosen = evident(fit.values, fit.covariance, places, levels)
+    return task.with_offsets(joints[places.index(place)] for place in chosen)
+
+
 def _freed(
     task: TorqueEquations, selection: Selection, weights: Floats | None
 ) -> Iterator[tuple[str, tuple[float, float]]]:
     """Each known number that the torques can identify: its estimate, and standard deviation."""
     for name in task.known:
         remaining = {key: value for key, value in task.known.items() if key != name}
-        names, systems = replace(task, known=remaining).systems(selection)
         try:
-            fit = weighted(task.dynamics, names, systems, weights, task.seconds)
+            fit = replace(task, known=remaining).fit(selection, weights)
         except ValueError:
             # Not separately identifiable, or too few equations: the torques say nothing of it.
             continue
-        yield name, (fit[name], float(fit.std[names.index(name)]))
+        yield name, (fit[name], float(fit.std[fit.names.index(name)]))
 
 
 def _friction(

@@ -12,6 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from identification.equation_error.band_choice import choose_band
+from identification.equation_error.filters import BAND_MOST, CUTOFF
 from identification.equation_error.naming import of_each
 from identification.equation_error.prior import Known
 from identification.equation_error.regressor import Filtering, System, linear, regressor_and_torque
@@ -55,12 +56,6 @@ class PassBandSettings:
 
 
 SETTINGS = PassBandSettings()
-
-# Cutoff of the low-pass before differentiation, in pass bands: its slope must not reach into them.
-CUTOFF = 2.5
-
-# Highest pass band, in sample rates: the cutoff stays below half of the sample rate.
-BAND_MOST = 0.4 / CUTOFF
 
 NO_BAND = (
     "the unknowns must be identifiable in some band; they are in none. Log a motion that excites"

@@ -8,22 +8,33 @@ Source: M. Gautier, Dynamic identification of robots with power model, ICRA 1997
 and decimation).
 """
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import field
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from identification.equation_error.band_choice import FitTrial
 from identification.equation_error.between_runs import ONE_LOG, BetweenRuns, between_runs
+from identification.equation_error.bounds import bounded, brakes
 from identification.equation_error.friction_trial import FrictionTrial
-from identification.equation_error.least_squares import SEGMENTS, at_least, group_std, least_squares
+from identification.equation_error.least_squares import (
+    NORMAL,
+    SEGMENTS,
+    at_least,
+    covariance_of,
+    group_std,
+    least_squares,
+)
 from identification.equation_error.naming import short_names
 from identification.equation_error.regressor import Places, System
-from plant import Dynamics
+from identification.equation_error.torque_error import TorqueError, torque_error
+from plant import Arm, Dynamics, Reference, Rig
 from plant.checkup.hypothesis import Cause
 from plant.parts import (
     Aside,
+    Bools,
     Floats,
     Frozen,
     Integers,
@@ -35,6 +46,7 @@ from plant.parts import (
     choice,
     frozen,
     frozen_settings,
+    instance,
 )
 from plant.parts.shown import inside
 from plant.parts.sums import norm, product
@@ -54,12 +66,16 @@ class TorqueWarningSettings:
         Standard deviations by which a known number must differ from its estimate to be doubted.
     different : float
         Relative difference by which it must differ as well.
+    brakes : float
+        Standard deviations by which a free estimate of friction must be negative to be doubted: by
+        fewer, what the model lacks may make it so.
     """
 
     poor: float = 0.3
     apart: float = 4.0
     doubted: float = 5.0
     different: float = 0.2
+    brakes: float = 8.0
 
 
 SETTINGS = TorqueWarningSettings()
@@ -118,6 +134,15 @@ class TorqueFit(Shown, Frozen):
         likeliest first.
     doubts : tuple of str
         Why these f are those of no arm, or of another rig; see `FittedArm`.
+    free : dict of str to float
+        Friction that would be negative without its bound, and is 0 or follows from one that is:
+        name -> its estimate without bounds. Its standard deviation is that of the free estimate.
+    rig : Rig or None
+        Of the first log, with the fitted and the known friction.
+    extra : dict of str to callable
+        Further columns, as they were given.
+    path : Reference or None
+        Of the first log.
     """
 
     dynamics: Dynamics
@@ -142,6 +167,51 @@ class TorqueFit(Shown, Frozen):
     friction: tuple[FrictionTrial, ...] = ()
     causes: tuple[Cause, ...] = ()
     doubts: tuple[str, ...] = ()
+    free: Mapping[str, float] = field(default_factory=dict)
+    rig: Rig | Any = None
+    path: Reference | None = None
+    extra: Mapping[str, Callable[..., ArrayLike]] = field(default_factory=dict)
+
+    @property
+    def unknown(self) -> tuple[str, ...]:
+        """Names (k) of the values."""
+        return self.names
+
+    @property
+    def arm(self) -> Arm:
+        """The arm with these f, for `replay`, `nearest_physical` and computed torque."""
+        return self.dynamics.arm(self.f)
+
+    def covariance_of(self, names: Sequence[str]) -> Floats:
+        """Covariance (m, m) of numbers by their names; zero of numbers that were not fitted."""
+        return covariance_of(names, self.names, self.covariance)
+
+    def error_on(
+        self, q: Any, torque: Any = None, *, rig: Rig | None = None, band: float | None = None
+    ) -> TorqueError:
+        """Error of the torque on other logs, joint by joint, over all rows.
+
+        Parameters
+        ----------
+        q, torque, rig
+            Records, or positions with torques and their rig, as `fit_torque` takes them.
+        band : float, optional
+            In which torques are compared [Hz]; by default 10, or less where the sample rate carries
+            less: the same for all fits, whatever their own band is.
+
+        Returns
+        -------
+        TorqueError
+
+        Raises
+        ------
+        ValueError
+            Bad input; a band that the sample rate does not carry; a log without rows away from its
+            ends and gaps.
+        """
+        extra = {name: (column, self[name]) for name, column in self.extra.items()}
+        machine = instance("rig of the fit", self.rig, Rig, "Take a fit of fit_torque.")
+        return torque_error(self.arm, machine, q, torque, rig, band, extra)
 
     @property
     def f(self) -> Floats:
@@ -173,9 +243,10 @@ class TorqueFit(Shown, Frozen):
         yield Verdict(summary, not self.warnings)
         yield Warned(self.warnings)
         names = short_names(self.dynamics, self.names)
+        remarks = np.where(self._zero, ", zero within it", "").tolist()
         rows = [
-            (name, f"{value:.5g}", f"+- {std:.2g}")
-            for name, value, std in zip(names, self.values, self.std, strict=True)
+            (name, f"{value:.5g}", f"+- {std:.2g}{remark}")
+            for name, value, std, remark in zip(names, self.values, self.std, remarks, strict=True)
         ]
         # Known numbers stand in the same table: beside the fitted ones they make up f.
         rows += [(name, f"{value:.5g}", "known") for name, value in self._short_known()]
@@ -188,6 +259,11 @@ class TorqueFit(Shown, Frozen):
         yield from [ONE_LOG] if self.between is None else inside(self.between)
         yield Aside("What the parameters mean", self.dynamics.legend.splitlines())
 
+    @property
+    def _zero(self) -> Bools:
+        """Which values (k,) are friction that may be none: zero lies in the 95 % interval."""
+        return brakes(self.names) & (np.abs(self.values) <= NORMAL * self.std)
+
     def _short_known(self) -> list[tuple[str, float]]:
         return list(zip(short_names(self.dynamics, self.known), self.known.values(), strict=True))
 
@@ -195,11 +271,10 @@ class TorqueFit(Shown, Frozen):
     def warnings(self) -> list[str]:
         """Doubts about the fit, one line each."""
         # 1. The fit as a whole: an arm that cannot be explains all that follows.
-        # Friction brakes: a negative level means a wrong sign or unit, not a weak brake.
+        # Friction brakes: a level that is clearly negative means a wrong sign or unit.
+        std = dict(zip(self.names, self.std, strict=True))
         negative = [
-            name
-            for name, value in zip(self.names, self.values, strict=True)
-            if name.startswith(("drive.viscous", "drive.coulomb")) and value < 0
+            name for name, value in self.free.items() if value < -SETTINGS.brakes * std[name]
         ]
         lines = [*(cause.line for cause in self.causes), *self.doubts]
         if negative:
@@ -264,6 +339,7 @@ def weighted(
     weights: Floats | None = None,
     seconds: Floats | None = None,
     prior: tuple[Floats, Floats] | None = None,
+    braking: bool = False,
     **report: Any,
 ) -> TorqueFit:
     """Least squares of one or more logs' equations.
@@ -271,8 +347,8 @@ def weighted(
     `names`: of the columns. `systems`: one per record. `weights` (R, n): of each record and joint,
     up to a common factor; by default 1 over a joint's residual in an unweighted fit. `seconds`
     (R,): length of each log: the covariance counts how its segments, and logs, differ. `prior`:
-    rows (m, k) and target (m,) of further equations, of standard deviation 1. `report`: further
-    fields of the result.
+    rows (m, k) and target (m,) of further equations, of standard deviation 1. `braking`: whether
+    friction must not be negative. `report`: further fields of the result.
     """
     # 1. The equations of all logs.
     systems = tuple(systems)
@@ -314,6 +390,7 @@ def weighted(
         # A joint without a residual, as in a noiseless log, must not have an infinite weight.
         if weights is None:
             weight = 1 / np.maximum(sigma, 1e-9 * np.abs(target).max())[joint]
+    metric = covariance
 
     # 3. Stated weights need not be the inverse noise: the covariance is White's, with the scatter
     # of each log and joint.
@@ -330,15 +407,34 @@ def weighted(
     if seconds is not None:
         # Segments of the weighted equations, several per log; those of one segment may correlate.
         columns = rows * weight[:, None]
+        remaining = residual * weight
+        runs = places.record
         blocks = places.segments(seconds, SEGMENTS * len(seconds))[0]
         if len(seconds) > 1:
             # Numbered without gaps: a segment may have no equation.
             blocks = np.unique(blocks, return_inverse=True)[1]
+        if prior is not None:
+            # Rows of no log, which are in every fit of the others.
+            columns = np.vstack([columns, prior[0]])
+            remaining = np.append(remaining, prior[1] - product(prior[0], values))
+            none = np.full(len(prior[1]), -1)
+            runs, blocks = np.append(runs, none), np.append(blocks, none)
+        if len(seconds) > 1:
             between, covariance = between_runs(
-                names, values, covariance, columns, residual * weight, places.record, blocks
+                names, values, covariance, columns, remaining, runs, blocks
             )
         else:
-            covariance = at_least(covariance, group_std(columns, residual * weight, blocks))
+            covariance = at_least(covariance, group_std(columns, remaining, blocks))
+
+    # 5. Friction that is not negative. The deviations are those of the free fit: an upper bound.
+    free = dict[str, float]()
+    if braking:
+        nearest = bounded(values, metric, brakes(names))
+        if nearest is not values:
+            below = brakes(names) & (values < 0)
+            free = {names[i]: float(values[i]) for i in np.flatnonzero(below)}
+            values, residual = nearest, target - product(rows, nearest)
+            sigma = _deviations(residual, joint, torque.shape[1], freedom)
     # Relative to the measured torque with the part of the known numbers: else a fit of little
     # unknown would look poor.
     measured = [system.torque if system.measured is None else system.measured for system in systems]
@@ -354,6 +450,7 @@ def weighted(
         relative_error=float(norm(residual) / length),
         rows=len(target),
         condition=condition,
+        free=free,
         **report,
     )
 

@@ -7,7 +7,7 @@ import numpy as np
 
 from identification.equation_error.filters import low_pass
 from identification.equation_error.naming import each_named, record_label
-from plant import Dynamics, Record, Resumed, Rig
+from plant import Dynamics, Record, Reference, Resumed, Rig
 from plant.checkup.lost_rows import bridged
 from plant.laws.replayed import commanded_torque
 from plant.parts import Floats, array, frozen, instance
@@ -109,7 +109,7 @@ class TorqueLog:
     `label`: its name in messages; "" of a single log. `q`, `torque` (N, n): joint side [rad, N m];
     NaN in a column of torque that was not measured. `rig`: with the log's period. `valid` (N,) or
     None: weight of each sample; rows near one without weight do not count. `counted`: whether the
-    positions are counts of the rig's encoders.
+    positions are counts of the rig's encoders. `path`: the reference that was followed, if known.
     """
 
     label: str
@@ -118,6 +118,7 @@ class TorqueLog:
     rig: Rig
     valid: Floats | None = None
     counted: bool = False
+    path: Reference | None = None
 
 
 def torque_logs(dynamics: Dynamics, q, torque, rig: Rig | None) -> list[TorqueLog]:
@@ -206,7 +207,13 @@ def _of_records(dynamics, records):
         q = record.rig.cell_centre(record.counts)
         logs.append(
             TorqueLog(
-                label=label, q=q, torque=torque, rig=record.rig, valid=record.valid, counted=True
+                label=label,
+                q=q,
+                torque=torque,
+                rig=record.rig,
+                valid=record.valid,
+                counted=True,
+                path=record.reference,
             )
         )
     return logs

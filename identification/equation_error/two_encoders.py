@@ -15,9 +15,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from identification.equation_error.filters import by_differences, derivatives, low_pass
+from identification.equation_error.filters import CUTOFF, by_differences, derivatives, low_pass
 from identification.equation_error.least_squares import NORMAL
-from identification.equation_error.pulse_fit import CUTOFF, filtering_of
+from identification.equation_error.pulse_fit import filtering_of
 from identification.equation_error.regressor import System, compared, regressor_along
 from identification.equation_error.torque_fit import TorqueFit, weighted
 from identification.equation_error.torque_logs import torque_of

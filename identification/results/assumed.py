@@ -11,8 +11,8 @@ from collections.abc import Iterator, Mapping, Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 
-from identification.equation_error.filters import derivatives
-from identification.equation_error.pulse_fit import BAND_MOST, CUTOFF, path_in
+from identification.equation_error.filters import BAND_MOST, CUTOFF, derivatives
+from identification.equation_error.pulse_fit import path_in
 from identification.equation_error.regressor import linear, regressor_along
 from plant import Arm, Dynamics, Record
 from plant.motion.reference import Motion

@@ -3,7 +3,7 @@
 import dataclasses
 import functools
 import warnings
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from identification.equation_error.naming import short_names
 from identification.equation_error.restated import restated
+from identification.equation_error.torque_error import TorqueError, torque_error
 from identification.planning.budget import pulse_budget
 from identification.results.assumed import Assumed, moved_by_lengths
 from identification.results.corrected import corrected
@@ -19,7 +20,7 @@ from identification.results.plots import plot_identification
 from identification.results.summary import doubts, summary_of
 from identification.results.trust import warnings_of
 from identification.search.outcome import Fit, Search
-from plant import Arm, Law, Record, Rig
+from plant import Arm, Law, Record, Reference, Rig
 from plant.checkup.hypothesis import Cause
 from plant.parts import Floats, Frozen, Piece, Saved, Shown, frozen, kept
 from plant.parts.saved import fingerprint
@@ -103,6 +104,24 @@ class Identification(Shown, Saved, Frozen):
     def f(self) -> Floats:
         """Parameters (p,) of the arm."""
         return self.arm.f
+
+    @property
+    def unknown(self) -> tuple[str, ...]:
+        """Names (k) of the unknowns."""
+        return self.fit.unknown
+
+    @property
+    def path(self) -> Reference | None:
+        """Reference of the first record, if it has one."""
+        return self.records[0].reference
+
+    def covariance_of(self, names: Sequence[str]) -> Floats:
+        """Covariance (m, m) of numbers by their names; zero of numbers that were not unknown.
+
+        An identification without a covariance is refused, with the reason.
+        """
+        _ = self.fit.std  # raises, with the reason
+        return self.fit.covariance_of(names)
 
     @property
     def candidates(self) -> Floats:
@@ -189,6 +208,16 @@ class Identification(Shown, Saved, Frozen):
             )
         # A value that was not varied has no error by noise.
         return np.where(self.fit.std > 0, budget.bound, 0.0)
+
+    def error_on(
+        self, q: Any, torque: Any = None, *, rig: Rig | None = None, band: float | None = None
+    ) -> TorqueError:
+        """Error of the torque on other logs, joint by joint, over all rows.
+
+        Arguments, result and errors are those of a torque fit's `error_on`, and so is the metric.
+        The arm is taken on rigid gears.
+        """
+        return torque_error(self.arm, self.rig, q, torque, rig, band)
 
     def assumed(self, *, lengths: bool = True) -> Assumed:
         """Change of each value by 1 % of each assumed number, which one log cannot reveal.

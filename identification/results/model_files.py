@@ -8,7 +8,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from identification.results.identification import Identification
+from identification.equation_error.estimate import Estimate
 from identification.results.nearest_bodies import Block, nearest_realisation
 from identification.results.physical import Physical, table_of, whitening
 from plant import Arm, Body, Drive, Link, Placement
@@ -80,7 +80,7 @@ class _Inertial:
 
 
 def bodies_of(
-    found_or_arm: Identification | Physical | Arm,
+    found_or_arm: Estimate | Physical | Arm,
     arm: Arm,
     model: ModelFile,
     prior: Mapping[str, Body],
@@ -94,7 +94,7 @@ def bodies_of(
     # The prior of the rotors: those of the rig or the chain, before those of the file.
     rotors = armature
     scale = None
-    if isinstance(found_or_arm, Identification):
+    if isinstance(found_or_arm, Estimate):
         stated = found_or_arm.rig.drive.reflected_inertia()
         rotors = np.where(stated > 0, stated, rotors)
         # The nearest f in standard deviations, where they are known.
@@ -306,7 +306,7 @@ class WrittenModel(Shown, Frozen):
 
 @known_options
 def write_model(
-    found_or_arm: Identification | Physical | Arm,
+    found_or_arm: Estimate | Physical | Arm,
     source: str | Path,
     target: str | Path,
     *,
@@ -325,7 +325,7 @@ def write_model(
 
     Parameters
     ----------
-    found_or_arm : Identification, Physical or Arm
+    found_or_arm : Identification, TorqueFit, Physical or Arm
         Whose chain is of this file (`Chain.from_urdf`, `Chain.from_mjcf`).
     source, target : str or Path
         The file to start from, and the one to write. From a URDF file, a target with the suffix
@@ -339,10 +339,10 @@ def write_model(
         that gives the difference. The nearest is meant in standard deviations where they are known,
         otherwise relative.
     friction : bool
-        Of an Identification, write its viscous and Coulomb friction, joint side: <dynamics> of
+        Of an identification or a torque fit, write its viscous and Coulomb friction, joint side: <dynamics> of
         URDF, ``damping`` and ``frictionloss`` of MJCF.
     motors : bool
-        Of an Identification, give MJCF that has none an <actuator> for each joint: a ``motor`` with
+        Of an identification or a torque fit, give MJCF that has none an <actuator> for each joint: a ``motor`` with
         the drive's gear, whose control is the torque of the motor [N m] within its limit. A
         ``dcmotor`` needs a resistance, which a drive, whose amplifiers control currents, does not
         have.
@@ -476,9 +476,9 @@ def _prior_bodies(prior: str | Path | Mapping[str, Body] | None) -> Mapping[str,
     return {name: body for name, body in _read(prior)[0].bodies.items() if body is not None}
 
 
-def _arm_of(found_or_arm: Identification | Physical | Arm) -> tuple[Arm, Drive | None]:
+def _arm_of(found_or_arm: Estimate | Physical | Arm) -> tuple[Arm, Drive | None]:
     """The arm, and the drive if it is known."""
-    if isinstance(found_or_arm, Identification):
+    if isinstance(found_or_arm, Estimate):
         return found_or_arm.arm, found_or_arm.rig.drive
     arm = found_or_arm.arm if isinstance(found_or_arm, Physical) else found_or_arm
     if not isinstance(arm, Arm):

@@ -20,7 +20,7 @@ from collections.abc import Iterable, Iterator
 import numpy as np
 from numpy.typing import ArrayLike
 
-from identification.results.identification import Identification
+from identification.equation_error.estimate import Estimate
 from plant import Arm, Body
 from plant.machine.motor_inertia import LEAST_MOTOR_INERTIA
 from plant.mechanics.lumping import STANDARD, standard_parameters
@@ -79,12 +79,12 @@ def table_of(title: str, bodies: Iterable[tuple[str, Body]]) -> Table:
 
 
 @known_options
-def nearest_physical(found: Identification, boxes: ArrayLike, *, points: int = 5) -> Physical:
+def nearest_physical(found: Estimate, boxes: ArrayLike, *, points: int = 5) -> Physical:
     """The arm nearest to an identified one whose links are bodies within boxes.
 
     Parameters
     ----------
-    found : Identification
+    found : Identification or TorqueFit
         With a covariance.
     boxes : (n, 3, 2) array_like
         Where the mass of each link can be: lowest and highest x, y and z in the link's frame [m].
@@ -118,7 +118,7 @@ def nearest_physical(found: Identification, boxes: ArrayLike, *, points: int = 5
     """
     from scipy.optimize import nnls
 
-    instance("found", found, Identification, "Pass what identify gave.")
+    instance("found", found, Estimate, "Pass what identify or fit_torque gave.")
     dynamics = found.arm.dynamics
     n = found.arm.n
     boxes = array(
@@ -179,9 +179,8 @@ def nearest_physical(found: Identification, boxes: ArrayLike, *, points: int = 5
     return Physical(arm=arm, bodies=tuple(bodies), distance=float(distance))
 
 
-def whitening(identification: Identification) -> Floats:
+def whitening(estimate: Estimate) -> Floats:
     """W with W C W' = 1, C the covariance of f; an error without one."""
-    _ = identification.fit.std  # raises, with the reason
-    covariance = identification.fit.covariance_of(identification.arm.dynamics.names)
+    covariance = estimate.covariance_of(estimate.arm.dynamics.names)
     ridge = _RIDGE * np.diag(covariance).max() * np.eye(len(covariance))
     return np.linalg.inv(np.linalg.cholesky(covariance + ridge))

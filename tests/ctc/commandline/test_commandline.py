@@ -287,6 +287,24 @@ def test_a_prior_of_the_model_s_bodies_is_given_by_its_spread(tmp_path, capsys, 
     )
 
 
+def test_torques_are_fitted_and_those_of_another_log_predicted(tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    robot = read_robot("paper_puma560")
+    for name, period in (("one", 3.65), ("other", 5.0)):
+        path = puma560.reference(period=period)
+        simulate(robot.arm, robot.rig, robot.law, path).to_csv(f"{name}.csv")
+    options = ("--robot", "paper_puma560", "--band", 8, "--json")
+    code, out, err = run(capsys, "fit-torque", "one.csv", *options, "--held-out", "other.csv")
+    answer = json.loads(out)
+    assert (code, err) == (1 if answer["warnings"] else 0, "")
+    assert set(answer["values"]) == set(robot.dynamics.names)
+    own, other = answer["errors"].values()
+    assert own["band"] == other["band"] == 8
+    assert 0 < own["relative"] < 0.3
+    assert 0 < other["relative"] < 0.3
+    assert len(other["joints"]) == 2
+
+
 def test_a_path_that_begins_in_motion_is_no(folder, capsys, monkeypatch):
     monkeypatch.chdir(folder)
     run(capsys, "identify", "log.csv", "--robot", "arm.toml", "-o", "moved.json", "--quiet")

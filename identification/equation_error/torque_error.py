@@ -1,0 +1,135 @@
+"""Error of a torque that an arm and its rig predict along a log: one metric for every fit.
+
+Both sides of the torque equation pass the same low-pass, whose band is stated, and all rows count,
+also slow ones, whose friction has an uncertain sign: a fit may choose its band and its rows, and
+errors of different fits could not be compared in those.
+"""
+
+from collections.abc import Callable, Iterator, Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from identification.equation_error.filters import BAND_MOST, CUTOFF, derivatives
+from identification.equation_error.regressor import Filtering, compared, regressor_along
+from identification.equation_error.torque_logs import TorqueLog, torque_logs
+from plant import Arm, Rig
+from plant.parts import Floats, Frozen, Piece, Shown, Table, Verdict, frozen, real
+from plant.parts.sums import norm
+
+# Band [Hz] where none is stated, or less where the sample rate carries less: joints move slower,
+# and what is faster is vibration. The same for all fits.
+BAND = 10.0
+
+
+@frozen
+class TorqueError(Shown, Frozen):
+    """Measured less predicted torques of a log, or of several together.
+
+    Attributes
+    ----------
+    joints : tuple of str
+    rms : (n,) numpy.ndarray
+        Root mean square of each joint's error [N m]; NaN of a joint whose torque was not measured.
+    relative : (n,) numpy.ndarray
+        Length of each joint's error over that of its measured torque.
+    total : float
+        The same of all joints together.
+    band : float
+        Of the low-pass that both sides passed [Hz].
+    rows : int
+        Rows that were compared: all but those at the ends of a log and beside its gaps.
+    """
+
+    joints: tuple[str, ...]
+    rms: Floats
+    relative: Floats
+    total: float
+    band: float
+    rows: int
+
+    def _short(self) -> str:
+        return f"{self.total:.2%} of the torque, {self.rows} rows, band {self.band:.3g} Hz"
+
+    def _shown(self) -> Iterator[Piece]:
+        yield Verdict(f"error {self._short()}", None)
+        yield self.table
+
+    @property
+    def table(self) -> Table:
+        """A row per joint."""
+        rows = [
+            (joint, f"{relative:.2%}", f"{rms:.3g}")
+            for joint, relative, rms in zip(self.joints, self.relative, self.rms, strict=True)
+            if np.isfinite(rms)
+        ]
+        return Table(("error of the torque", "relative", "rms [N m]"), rows)
+
+
+def torque_error(
+    arm: Arm,
+    rig: Rig,
+    q: Any,
+    torque: Any = None,
+    stated: Rig | None = None,
+    band: float | None = None,
+    extra: Mapping[str, tuple[Callable[..., ArrayLike], float]] | None = None,
+) -> TorqueError:
+    """Error of the torque of an arm with the friction and the springs of this rig.
+
+    `q`, `torque`, `stated`: records, or positions with torques and the rig of the log, as
+    `fit_torque` takes them. `extra`: further columns, and their values.
+    """
+    logs = torque_logs(arm.dynamics, q, torque, stated)
+    most = min(BAND_MOST / log.rig.period for log in logs)
+    band = min(BAND, most) if band is None else real("band", band, "Give Hz.", positive=True)
+    if band > most:
+        raise ValueError(
+            f"band must be at most {most:.3g} Hz at this sample rate; got {band:g}. Lower it."
+        )
+    measured, error = zip(*(_of_log(arm, rig, log, band, extra or {}) for log in logs), strict=True)
+    length, residual = np.concatenate(measured), np.concatenate(error)
+    # Joints whose torque was measured in some log; rows of a log without it are NaN.
+    squares, count = np.nansum(residual**2, axis=0), np.isfinite(residual).sum(axis=0)
+    seen = count > 0
+    with np.errstate(invalid="ignore", divide="ignore"):
+        relative = np.sqrt(squares / np.nansum(length**2, axis=0))
+        rms = np.sqrt(squares / count)
+    present = np.isfinite(residual)
+    return TorqueError(
+        joints=tuple(arm.dynamics.chain.joint_labels),
+        rms=np.where(seen, rms, np.nan),
+        relative=np.where(seen, relative, np.nan),
+        total=float(norm(residual[present]) / norm(length[present])),
+        band=band,
+        rows=len(residual),
+    )
+
+
+def _of_log(arm, rig: Rig, log: TorqueLog, band: float, extra) -> tuple[Floats, Floats]:
+    """Measured torque and error (N', n) in a band; NaN of a joint that was not measured."""
+    dynamics = arm.dynamics
+    motion = derivatives(log.q, log.rig.period, CUTOFF * band)
+    columns, known = regressor_along(dynamics, rig, dynamics.names, motion)
+    predicted = (columns * arm.f).sum(axis=2) + known
+    for column, value in extra.values():
+        predicted = predicted + value * np.asarray(column(*motion))
+    # A column that was not measured would spread its NaN through the filter.
+    missing = np.isnan(log.torque).all(axis=0)
+    filtering = Filtering(CUTOFF * band, band, 1, np.zeros(dynamics.n))
+    system = compared(
+        [np.where(missing, 0.0, log.torque), predicted],
+        motion.qd,
+        log.rig.period,
+        filtering,
+        log.valid,
+    )
+    rows = system.used.all(axis=1)
+    if not rows.any():
+        raise ValueError(
+            f"some rows must lie away from the ends of the log and from gaps; none of"
+            f" {len(log.q)} does at {band:g} Hz. Log longer, or give a wider band."
+        )
+    measured = np.where(missing, np.nan, system.torque[rows])
+    return measured, measured - system.regressor[rows, :, 0]
