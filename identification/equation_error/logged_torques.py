@@ -458,7 +458,7 @@ def fit_torque(
         return replace(
             fit,
             path=log.path,
-            rig=log.rig.filled(dict(zip(fit.names, fit.values, strict=True)) | fit.known),
+            rig=log.rig.filled({**fit.known, **dict(zip(fit.names, fit.values, strict=True))}),
             friction=friction,
             causes=of_log(dynamics, log, width),
             doubts=tuple(arm.doubts()),

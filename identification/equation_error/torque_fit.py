@@ -272,9 +272,9 @@ class TorqueFit(Shown, Frozen):
         """Doubts about the fit, one line each."""
         # 1. The fit as a whole: an arm that cannot be explains all that follows.
         # Friction brakes: a level that is clearly negative means a wrong sign or unit.
-        std = dict(zip(self.names, self.std, strict=True))
+        deviation = dict(zip(self.names, self.std, strict=True))
         negative = [
-            name for name, value in self.free.items() if value < -SETTINGS.brakes * std[name]
+            name for name, value in self.free.items() if value < -SETTINGS.brakes * deviation[name]
         ]
         lines = [*(cause.line for cause in self.causes), *self.doubts]
         if negative:
