@@ -51,7 +51,7 @@ html_baseurl = os.environ.get("READTHEDOCS_CANONICAL_URL", "")  # what downloade
 html_static_path = ["static"]
 html_css_files = ["pages.css"]
 html_extra_path = ["llms.txt"]  # at the root of the site, where assistants look for it
-exclude_patterns = ["_build", "jupyter_execute", "templates"]
+exclude_patterns = ["_build", "jupyter_execute", "notebooks", "templates"]
 html_math_renderer = "mathml"
 
 

@@ -1,12 +1,23 @@
-"""A page of cells as a file for download: a Python script, and the executed notebook.
+"""A page of cells as other files: a Python script, and the executed notebook.
 
-A notebook that was downloaded stands alone: what it links to is the site's, by its address.
+    python docs/script.py docs/jupyter_execute [--check]
+
+writes the notebooks of the tutorials that a build of the documentation has executed into
+docs/notebooks. With --check it compares them instead, by cells and kinds of outputs.
+A notebook for download stands alone: its links go to the site, by its address.
 """
 
+import argparse
+import base64
+import io
 import json
 import posixpath
 import re
+import sys
 from pathlib import Path
+
+NOTEBOOKS = Path(__file__).with_name("notebooks")
+COLOURS = 48  # of a picture in a committed notebook: curves on white, at a third of the bytes
 
 PARTS = re.compile(r"^```{code-cell}\n(?::[^\n]*\n)*(.*?)^```$", re.DOTALL | re.MULTILINE)
 LINK = re.compile(r"\[([^\]]*)\]\(([^):#\s]+)\.md(#[\w-]*)?\)")
@@ -20,18 +31,29 @@ def script(page):
 
     Editors that know the mark ``# %%`` run it cell by cell.
     """
+    texts = []
+    for kind, source in cells(page):
+        if kind == "code":
+            texts.append(f"# %%\n{source}\n")
+        else:
+            lines = [f"# {line}".rstrip() for line in source.splitlines()]
+            texts.append("\n".join(["# %% [markdown]", *lines, ""]))
+    if any(kind == "code" and re.search(r"plot|plt", source) for kind, source in cells(page)):
+        texts.append(SHOW)
+    return "\n".join(texts)
+
+
+def cells(page):
+    """The cells of a page in order, as pairs (kind, source): "markdown" or "code"."""
     # without the head, and the line of downloads at the foot
     body = page.split("---\n", 2)[2].split("\n---\n")[0]
-    pieces, cells = PARTS.split(body), []
-    for i, piece in enumerate(pieces):
-        if i % 2:
-            cells.append(f"# %%\n{piece}")
-        elif piece.strip():
-            lines = [f"# {line}".rstrip() for line in piece.strip().splitlines()]
-            cells.append("\n".join(["# %% [markdown]", *lines, ""]))
-    if any(re.search(r"plot|plt", cell) for cell in pieces[1::2]):
-        cells.append(SHOW)
-    return "\n".join(cells)
+    pieces = enumerate(PARTS.split(body))
+    pairs = [("code" if i % 2 else "markdown", piece.strip("\n")) for i, piece in pieces]
+    return [
+        (kind, source.strip() if kind == "markdown" else source)
+        for kind, source in pairs
+        if source.strip()
+    ]
 
 
 def linked(text, folder, titles, address):
@@ -84,3 +106,85 @@ def notebooks_for_download(app, env):
             path.write_text(
                 json.dumps(alone, indent=1, ensure_ascii=False) + "\n", encoding="utf-8"
             )
+
+
+def smaller(picture):
+    """A PNG in base64 with at most `COLOURS` colours."""
+    from PIL import Image  # only where notebooks are written; matplotlib brings it
+
+    image = Image.open(io.BytesIO(base64.b64decode(picture))).convert("RGB")
+    content = io.BytesIO()
+    image.quantize(COLOURS, dither=Image.Dither.NONE).save(content, "PNG", optimize=True)
+    return base64.b64encode(content.getvalue()).decode("ascii") + "\n"
+
+
+def committed(page, executed):
+    """The notebook of docs/notebooks: the cells of a page, with the outputs of its execution.
+
+    Identifiers and metadata do not change from build to build, so that a difference is one of
+    contents. Links go to the pages, which lie in folders beside.
+    """
+    results = []
+    executions = iter([cell for cell in executed["cells"] if cell["cell_type"] == "code"])
+    for number, (kind, source) in enumerate(cells(page)):
+        if kind == "markdown":
+            # Pages of this folder are notebooks here; all others keep their place.
+            source = re.sub(r"\]\((\w+)\.md(?=[#)])", r"](\1.ipynb", source)
+        result = {"cell_type": kind, "id": f"cell-{number}", "metadata": {}}
+        if kind == "code":
+            cell = next(executions)
+            for output in cell["outputs"]:
+                if "text" in output:
+                    # Folders of a page are temporary, and have another name at each build.
+                    text = re.sub(r"\S*/tmp\w+/", "", "".join(output["text"]))
+                    output["text"] = text.splitlines(keepends=True)
+                if "image/png" in output.get("data", {}):
+                    output["data"]["image/png"] = smaller(output["data"]["image/png"])
+            result |= {"execution_count": cell["execution_count"], "outputs": cell["outputs"]}
+        results.append(result | {"source": source.splitlines(keepends=True)})
+    kernel = {"display_name": "Python 3", "language": "python", "name": "python3"}
+    metadata = {"kernelspec": kernel, "language_info": {"name": "python"}}
+    return {"cells": results, "metadata": metadata, "nbformat": 4, "nbformat_minor": 5}
+
+
+def outline(notebook):
+    """Cells of a notebook and the kinds of their outputs, without numbers and pictures."""
+    return [
+        (
+            "".join(cell["source"]),
+            [
+                (output["output_type"], sorted(output.get("data", ())))
+                for output in cell.get("outputs", ())
+            ],
+        )
+        for cell in notebook["cells"]
+    ]
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser.add_argument("built", type=Path, help="the folder jupyter_execute beside a build")
+    parser.add_argument("--check", action="store_true", help="compare, and write nothing")
+    options = parser.parse_args()
+    stale = []
+    for source in sorted(NOTEBOOKS.parent.glob("tutorials/*.md")):
+        executed = json.loads(
+            (options.built / "tutorials" / f"{source.stem}.ipynb").read_text("utf-8")
+        )
+        notebook = committed(source.read_text(encoding="utf-8"), executed)
+        target = NOTEBOOKS / f"{source.stem}.ipynb"
+        if not options.check:
+            NOTEBOOKS.mkdir(exist_ok=True)
+            target.write_text(
+                json.dumps(notebook, indent=1, ensure_ascii=False) + "\n", encoding="utf-8"
+            )
+        elif outline(json.loads(target.read_text(encoding="utf-8"))) != outline(notebook):
+            stale.append(target.name)
+    if stale:
+        sys.exit(
+            f"notebooks must be those of the pages; {', '.join(stale)} are not. Write them anew."
+        )
+
+
+if __name__ == "__main__":
+    main()

@@ -4,8 +4,12 @@ reference.
 
 import ast
 import importlib
+import importlib.util
+import json
 import re
+import shlex
 import sys
+import tomllib
 from pathlib import Path
 
 import numpy as np
@@ -228,3 +232,120 @@ def test_a_downloaded_notebook_stands_alone(monkeypatch):
         )["cells"]
         assert "".join(first["source"]) == text
         assert second["outputs"] == [streams[0], streams[3], streams[4]]
+
+
+def test_committed_notebooks_are_the_tutorials_executed(monkeypatch):
+    """CI executes the pages, and compares outputs by kind: docs/script.py --check."""
+    nbformat = pytest.importorskip("nbformat")
+    monkeypatch.syspath_prepend(str(ROOT / "docs"))
+    script = importlib.import_module("script")
+    pages = sorted((ROOT / "docs" / "tutorials").glob("*.md"))
+    notebooks = sorted((ROOT / "docs" / "notebooks").glob("*"))
+    assert [path.name for path in notebooks] == [f"{page.stem}.ipynb" for page in pages]
+    for page, path in zip(pages, notebooks, strict=True):
+        notebook = json.loads(path.read_text(encoding="utf-8"))
+        nbformat.validate(nbformat.from_dict(notebook))
+        code = [cell for cell in notebook["cells"] if cell["cell_type"] == "code"]
+        expected = script.committed(page.read_text(encoding="utf-8"), {"cells": code})
+        sources = [cell["source"] for cell in expected["cells"]]
+        assert [cell["source"] for cell in notebook["cells"]] == sources, path.name
+        assert [cell["execution_count"] for cell in code] == list(range(1, len(code) + 1))
+        outputs = [output for cell in code for output in cell["outputs"]]
+        assert outputs
+        assert all(output["output_type"] != "error" for output in outputs)
+        assert path.stat().st_size < 300_000, path.name
+        for cell in notebook["cells"]:
+            for target in re.findall(r"\]\(([^)#\s]+)", "".join(cell["source"])):
+                assert "://" in target or (path.parent / target).exists(), f"{path.name}: {target}"
+
+
+def commands(page):
+    """Commands of a page as words: its blocks of the shell, and what stands between backticks."""
+    text = page.read_text(encoding="utf-8")
+    lines = re.findall(r"`((?:python3?|onepulse|pip|bash) [^`]+)`", text)
+    for block in re.findall(r"^```(?:sh|text)\n(.*?)^```", text, re.DOTALL | re.MULTILINE):
+        if not re.match(r"\w+ +\w+ \+", block):  # a table of the packages is no command
+            lines += block.splitlines()
+    for line in lines:
+        for command in re.split(r" && ", " ".join(line.split())):
+            if words := shlex.split(command, comments=True):
+                yield words
+
+
+TESTED_ELSEWHERE = {
+    "make": "tests/plant/realtime/test_c_target.py",
+    "./controller": "tests/plant/realtime/test_c_export.py",
+    "cmake": "tests/plant/realtime/test_c_target.py",
+}
+"""Programs of exported C, and the test that calls them."""
+
+NEEDS = {
+    "colcon": "On the machine that runs ROS 2",
+    "source": "On the machine that runs ROS 2",
+    "ros2": "On the machine that runs ROS 2",
+    "python3": "With Python 3.11 or newer",
+    ".venv/bin/pip": "With Python 3.11 or newer",
+    ".venv/bin/python": "With Python 3.11 or newer",
+}
+"""Programs of another machine or environment, and the words by which a page says so."""
+
+
+def problem_of(words, text):
+    """Why a command of a page cannot run; None where it can."""
+    program, arguments = Path(words[0]).name, words[1:]
+    options = [word.split("=")[0] for word in arguments if word.startswith("--")]
+    if words[0] in NEEDS:
+        return None if NEEDS[words[0]] in text else "the page must say where this runs"
+    if words[0] in TESTED_ELSEWHERE:
+        tested = (ROOT / TESTED_ELSEWHERE[words[0]]).read_text(encoding="utf-8")
+        return None if words[0].removeprefix("./") in tested else "no test runs it"
+    if program == "pip":
+        extras = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"][
+            "optional-dependencies"
+        ]
+        wanted = re.search(r"(?:onepulse|\.)\[(.+)\]", arguments[-1])
+        # Jupyter opens the notebooks; nothing of the project needs it.
+        packages = {"jupyterlab"} | {re.split(r"[ >\[;]", line)[0] for lines in extras.values() for line in lines}
+        is_known = set(wanted[1].split(",")) <= set(extras) if wanted else arguments[-1] in packages
+        return None if is_known else "no such extra"
+    if program == "onepulse":
+        parser = importlib.import_module("ctc.commandline.main")._parser()
+        if arguments[:1] == ["COMMAND"] or (len(arguments) == 1 and arguments[0] in text):
+            arguments = ["robots"]  # the page is about the command as such
+        try:
+            parser.parse_args(arguments)
+        except SystemExit as end:
+            return f"status {end.code}"
+        return None
+    if arguments[0] == "-m":
+        return None if importlib.util.find_spec(arguments[1]) else "no such module"
+    file = ROOT / arguments[0]
+    if not file.exists():
+        return "no such file"
+    source = file.read_text(encoding="utf-8")
+    # A script may leave its options to another of its folder.
+    for name in re.findall(r"^(?:import|from) (\w+)", source, re.MULTILINE):
+        if (file.parent / f"{name}.py").exists():
+            source += (file.parent / f"{name}.py").read_text(encoding="utf-8")
+    missing = [option for option in options if f'"{option}"' not in source]
+    return f"no option {missing}" if missing else None
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+def test_commands_of_a_page_run_or_it_says_where(page):
+    text = page.read_text(encoding="utf-8")
+    problems = [(" ".join(words), problem_of(words, text)) for words in commands(page)]
+    assert not [problem for problem in problems if problem[1]]
+
+
+def test_a_command_that_cannot_run_is_a_problem():
+    for command in (
+        "python tests/benchmarks/absent.py",
+        "python tests/benchmarks/certify.py --absent",
+        "python -m absent_module",
+        "onepulse certify found.json --absent",
+        "onepulse absent",
+        "pip install onepulse[absent]",
+        "colcon build",
+    ):
+        assert problem_of(shlex.split(command), ""), command
