@@ -305,7 +305,9 @@ def problem_of(words, text):
         ]
         wanted = re.search(r"(?:onepulse|\.)\[(.+)\]", arguments[-1])
         # Jupyter opens the notebooks; nothing of the project needs it.
-        packages = {"jupyterlab"} | {re.split(r"[ >\[;]", line)[0] for lines in extras.values() for line in lines}
+        packages = {"jupyterlab"} | {
+            re.split(r"[ >\[;]", line)[0] for lines in extras.values() for line in lines
+        }
         is_known = set(wanted[1].split(",")) <= set(extras) if wanted else arguments[-1] in packages
         return None if is_known else "no such extra"
     if program == "onepulse":
