@@ -63,7 +63,7 @@ from plant.motion.fastest import fastest
 from plant.motion.link_reference import LinkReference
 from plant.motion.reference import Reference
 from plant.motion.smooth import Harmonics, PointToPoint, Spline
-from plant.motion.table import Table
+from plant.motion.table import Held, Table
 from plant.motion.visibility import visibility
 from plant.parts.part import Part, number, part, structure
 from plant.parts.vector import Fields, per_joint, scalars
@@ -107,6 +107,7 @@ __all__ = [
     "FrictionDrift",
     "Guards",
     "Harmonics",
+    "Held",
     "Hypothesis",
     "Jitter",
     "JointSpring",

@@ -18,6 +18,8 @@ from identification.equation_error.regressor import linear, regressor_and_torque
 from identification.equation_error.torque_fit import weighted
 from identification.equation_error.torque_logs import law_torque
 from plant import Dynamics, LoggedCurrent, LoggedTorque, Record, Resumed
+from plant.laws.resumed import AlongLog
+from plant.machine.inner_loop import InnerLoop
 from plant.parts import Floats, frozen, frozen_settings
 from plant.parts.sums import least, norm, product, triangle
 from plant.simulation.clock import Clock
@@ -137,6 +139,18 @@ def along_log(record: Record, *, unknown_law: bool = False) -> Record:
 def reading(record: Record, law: Resumed) -> Record:
     """The record with its law reading the log's counts, also where it is fast hardware."""
     return replace(record, law=law.along(record.rig))
+
+
+def closed(record: Record) -> Record:
+    """The record of `along_log` with an inner loop in the loop again, which reads the arm itself.
+
+    It reads its counts many times in a sample, and steps of its goal bend the motion between rows;
+    its memory begins by itself, with the goal and the count of the log's start.
+    """
+    law = record.law
+    if isinstance(law, AlongLog) and isinstance(law.law, InnerLoop):
+        return replace(record, law=law.law)
+    return record
 
 
 def with_state(dynamics: Dynamics, record: Record, unknown: Iterable[str]) -> tuple[Record, Memory]:

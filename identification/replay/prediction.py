@@ -20,7 +20,7 @@ from typing import Self
 
 import numpy as np
 
-from identification.equation_error.law_memory import Memory, Resumption
+from identification.equation_error.law_memory import Memory, Resumption, closed
 from identification.equation_error.least_squares import IDENTIFIABLE
 from identification.equation_error.naming import of_each, record_label
 from identification.equation_error.prior import ROUNDING, Prior, PriorRows
@@ -183,6 +183,12 @@ class Prediction(Stacked):
         records, unknown = as_records(dynamics, records, unknown)
         n = dynamics.n
         memories = list(memories) or [None] * len(records)
+        in_loop = [closed(record) for record in records]
+        memories = [
+            memory if now is before else None
+            for memory, now, before in zip(memories, in_loop, records, strict=True)
+        ]
+        records = in_loop
         replayed = any(record.law is not None and record.law.replays for record in records)
 
         # 1. The observer. A simulation is a prediction with an observer that corrects nothing.

@@ -81,12 +81,15 @@ def lost_rows(record) -> LostRows:
 
     # 1. Repeated rows. A packet is lost if the reference repeats, or everything that moves does.
     reference = record.reference_pulses[rows]
-    columns = np.hstack([record.counts[rows], reference])
+    columns = record.counts[rows]
+    # Goals that are held repeat in rows that are read more often than goals are sent.
+    if record.reference is None or not record.reference.held:
+        columns = np.hstack([columns, reference])
     # Times in intervals: a missing row is no repeated one.
     t = record.t[rows] / np.median(np.diff(record.t))
     repeated = np.zeros(columns.shape, bool)
     fast = np.zeros(columns.shape, bool)
-    arm = np.tile(stopped(record.rig, np.median(np.diff(record.t))), 2)
+    arm = np.tile(stopped(record.rig, np.median(np.diff(record.t))), columns.shape[1] // n)
     for j, column in enumerate(columns.T):
         step = grid(column)
         limit = SETTINGS.fast + arm[j] / step

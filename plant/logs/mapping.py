@@ -113,6 +113,7 @@ def record_fields(
     units: Mapping[str, Stated] | None,
     wrap: ArrayLike | None,
     reference: Reference | None,
+    held: bool = False,
 ) -> dict[str, Any]:
     """Fields of a record from a table; see `Record.from_table`."""
     names = mapped_names(columns, units)
@@ -153,6 +154,7 @@ def record_fields(
         reference is None
         and path_field is not None
         and logged is not None
+        and not held
         and not rig.encoder.smooth
     ):
         # Unrounded commanded positions are the path itself, which is more exact than its counts.

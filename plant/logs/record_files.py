@@ -1,5 +1,6 @@
 """Class methods of `Record` that read its own CSV files and mapped columns of other formats."""
 
+import dataclasses
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Self, overload
@@ -14,6 +15,7 @@ from plant.logs.logfile import kind_of, load_errors, options_of, read_file
 from plant.logs.mapping import MEASURED, mapped_names, record_fields
 from plant.machine.rig import Rig
 from plant.motion.reference import Reference
+from plant.motion.table import Held
 from plant.parts.arguments import instance, known_options
 from plant.parts.mcap_file import McapFile, joint_topics
 
@@ -77,6 +79,7 @@ class FromFiles:
         units: Mapping[str, Any] | None = None,
         wrap: ArrayLike | None = None,
         prefix: str = "",
+        held: bool = False,
     ) -> Self:
         """Read what `to_csv` wrote, a plain CSV of t [s], n reference and n error columns [pulses],
         or a log of others.
@@ -92,6 +95,9 @@ class FromFiles:
             record; `from_table` says how, and what `units` and `wrap` are.
         prefix : str
             What the names of the mapped columns begin with in the file, as in ``run_07/``.
+        held : bool
+            The commanded counts are goals that a servo held until the next row, not points of a
+            path: the reference becomes `Held`.
 
         Raises
         ------
@@ -105,6 +111,7 @@ class FromFiles:
                 "units": units,
                 "wrap": wrap,
                 "prefix": prefix,
+                "held": held,
             }
             return cls._read(
                 "csv", path, None, rig=rig, law=law, reference=reference, initial=initial, **log
@@ -118,7 +125,8 @@ class FromFiles:
         # Refusals of `Record` belong to the file as well, so it is made inside.
         with load_errors(path):
             fields = record_csv.read(path, rig=rig, law=law, reference=reference, initial=initial)
-            return cls(**fields | {"name": str(path)})
+            record = cls(**fields | {"name": str(path)})
+            return _with_goals_held(record) if held else record
 
     @overload
     @classmethod
@@ -135,6 +143,7 @@ class FromFiles:
         law: Law | None = None,
         reference: Reference | None = None,
         initial: ArrayLike | None = None,
+        held: bool = False,
     ) -> Self: ...
 
     @overload
@@ -152,6 +161,7 @@ class FromFiles:
         law: Law | None = None,
         reference: Reference | None = None,
         initial: ArrayLike | None = None,
+        held: bool = False,
     ) -> "Self | LogContents": ...
 
     @classmethod
@@ -169,6 +179,7 @@ class FromFiles:
         law: Law | None = None,
         reference: Reference | None = None,
         initial: ArrayLike | None = None,
+        held: bool = False,
     ) -> "Self | LogContents":
         """Read mapped columns of a log in any format that `read_table` knows by its ending, or a
         folder's contents.
@@ -181,8 +192,9 @@ class FromFiles:
         ----------
         path, prefix, episode
             As in `read_table`.
-        rig, columns, units, wrap, law, reference, initial
-            As in `from_table`.
+        rig, columns, units, wrap, law, reference, initial, held
+            As in `from_table`. Of a LeRobot data set map ``action`` to ``reference_position`` and
+            ``observation.state`` to ``position``, with ``held=True``.
 
         Raises
         ------
@@ -193,7 +205,9 @@ class FromFiles:
         """
         if columns is None:
             if record_csv.is_own(path):
-                return cls.from_csv(path, rig=rig, law=law, reference=reference, initial=initial)
+                return cls.from_csv(
+                    path, rig=rig, law=law, reference=reference, initial=initial, held=held
+                )
             n = None if rig is None else instance("rig", rig, Rig, "Pass rig=.").n
             contents = contents_of(path, n=n, prefix=prefix, episode=episode)
             print(contents)
@@ -201,7 +215,13 @@ class FromFiles:
         with load_errors(path):
             # The suffix chooses the reader; a folder is known by its contents.
             kind = kind_of(path)
-        log: dict[str, Any] = {"columns": columns, "units": units, "wrap": wrap, "prefix": prefix}
+        log: dict[str, Any] = {
+            "columns": columns,
+            "units": units,
+            "wrap": wrap,
+            "prefix": prefix,
+            "held": held,
+        }
         return cls._read(
             kind, path, episode, rig=rig, law=law, reference=reference, initial=initial, **log
         )
@@ -234,6 +254,7 @@ class FromFiles:
         reference: Reference | None = None,
         initial: ArrayLike | None = None,
         name: str = "",
+        held: bool = False,
     ) -> Self:
         """Make a record of named columns, such as `read_table` reads or several files give
         together.
@@ -263,6 +284,8 @@ class FromFiles:
             As in `Record`; a reference also gives the commanded counts where no column does.
         name : str
             What messages call the record.
+        held : bool
+            As in `from_csv`: commanded positions are goals, and none become a path.
 
         Notes
         -----
@@ -290,6 +313,28 @@ class FromFiles:
         }
         # Fields of the table take precedence: a path in it becomes the reference.
         fields = record_fields(
-            table, rig=rig, columns=columns, units=units, wrap=wrap, reference=reference
+            table, rig=rig, columns=columns, units=units, wrap=wrap, reference=reference, held=held
         )
-        return cls(**arguments | {key: value for key, value in fields.items() if value is not None})
+        record = cls(
+            **arguments | {key: value for key, value in fields.items() if value is not None}
+        )
+        return _with_goals_held(record) if held else record
+
+
+def _with_goals_held(record: Any) -> Any:
+    """The record whose commanded counts (N, n) are goals that hold from row to row."""
+    if record.reference is not None and not record.reference.held:
+        kind = type(record.reference).__name__
+        raise ValueError(
+            f"held goals must be the record's own commanded counts; got a reference, {kind}. Leave"
+            " out reference=, or held=."
+        )
+    goals = record.reference_pulses
+    if not np.ptp(goals, axis=0).any():
+        raise ValueError(
+            "held goals must move; the commanded counts are constant. Map the column of the goals"
+            " that were sent, such as LeRobot's action."
+        )
+    # The middle of a cell: its count is the goal again, whatever is rounded on the way.
+    held = Held(times=record.t - record.t[0], points=record.rig.cell_centre(goals))
+    return dataclasses.replace(record, reference=held)

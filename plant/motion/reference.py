@@ -56,6 +56,8 @@ class Reference(Part, abc.ABC):
 
     n: int = declared("Number of joints.")
     duration: float = declared("How long the motion takes, or one period of it [s].")
+    # Whether it stays at each point until the next one, as the goals of a servo do.
+    held = False
 
     @abc.abstractmethod
     def motion(self, t: Floats) -> tuple[Floats, Floats, Floats]:
@@ -272,6 +274,10 @@ class Later(Derived):
 
     reference: Reference = structure(Reference)
     time: float = number(())
+
+    @property
+    def held(self) -> bool:  # type: ignore[override]  # as the other one
+        return self.reference.held
 
     @property
     def links(self) -> Reference:

@@ -1,4 +1,4 @@
-"""Table of positions, from a file or another program, as a reference."""
+"""Tables of positions as references: straight lines between them, or goals that hold."""
 
 import re
 from collections.abc import Sequence
@@ -13,6 +13,10 @@ from plant.parts.csv_rows import read_rows
 
 # A joint's name with one number, such as q_1 [rad].
 _NUMBERED = re.compile(r"(\D*)(\d+)\D*")
+
+# Share of the shortest interval by which a time may lie before that of a goal and still have it:
+# a clock takes stamps that are off by a hundredth as even.
+_AT_THE_TIME = 0.02
 
 # Units that times and angles of a table must not have.
 _FOREIGN = re.compile(r"(?<![a-z])(deg|degree|degrees|°|ms|us)(?![a-z])")
@@ -34,7 +38,7 @@ class Table(Timed):
 
     See Also
     --------
-    plant.Spline, plant.Reference
+    plant.Held, plant.Spline, plant.Reference
 
     Examples
     --------
@@ -94,6 +98,48 @@ class Table(Timed):
         s = np.clip(t, times[0], times[-1])
         q = points[row] + slope * (s - times[row])[:, None]
         return q, inside * slope, np.zeros((len(t), self.n))
+
+
+@part
+class Held(Timed):
+    """Goals as a servo gets them: each holds from its time until the next is sent.
+
+    The reference of a log whose goals were not interpolated. A straight line through them would
+    lead by half a period, which looks like less viscous friction.
+
+    Parameters
+    ----------
+    times : (N,) array_like
+        When each goal was sent, strictly increasing [s].
+    points : (N, n) array_like
+        [rad]
+
+    See Also
+    --------
+    plant.Table, plant.PositionServo, plant.Record
+
+    Examples
+    --------
+    >>> from plant import Held
+    >>> goals = Held(times=(0, 1, 2), points=((0, 0), (0.5, 0.2), (1, 0)))
+    >>> goals([0.5, 1.0]).q
+    array([[0. , 0. ],
+           [0.5, 0.2]])
+    """
+
+    times: Nested = structure()
+    points: Nested = structure()
+    held = True
+
+    def __post_init__(self) -> None:
+        self._keep("points", (self._keep_times(), "n"), "One row per time, one column per joint.")
+
+    def motion(self, t: Floats) -> tuple[Floats, Floats, Floats]:
+        # The last goal that was sent; before the first one, that.
+        early = _AT_THE_TIME * np.diff(self.times).min()
+        row = np.searchsorted(self.times, t + early, side="right") - 1
+        rest = np.zeros((len(t), self.n))
+        return np.asarray(self.points)[np.maximum(row, 0)], rest, rest
 
 
 def _require_order(heading: Sequence[str], names: Sequence[str]) -> None:

@@ -237,7 +237,9 @@ def start_of(record: Record, path: Path | Logged) -> Any:
     coupling = record.rig.drive.coupling
     apart = np.abs(record.error_pulses[0]) >= 1
     q = coupling.joint(np.where(apart, coupling.shaft(counted), coupling.shaft(q)))
-    return q, qd if record.reference is not None else _initial_speed(record)
+    # Goals that are held say nothing of a speed.
+    path_moves = record.reference is not None and not record.reference.held
+    return q, qd if path_moves else _initial_speed(record)
 
 
 def _initial_speed(record: Record) -> Floats:
