@@ -64,6 +64,11 @@ class ScoreSettings:
         Share of the amplifier's limit that a torque may reach, and its relative standard deviation.
     slow : float
         Share of the RMS speed below which a joint may stick, so that its friction is unknown.
+    average : float
+        Window [s] over which the terms of a motion that no loop holds are averaged: much of a
+        swing. Real pendulums turn at 1 to 2 Hz.
+    windows : int
+        Windows of that kind that a log has at least; they are shorter in a short one.
     """
 
     rows: int = 800
@@ -89,6 +94,8 @@ class ScoreSettings:
     beyond: float = 1.02
     beyond_spread: float = 0.02
     slow: float = 0.05
+    average: float = 0.25
+    windows: int = 20
 
 
 SETTINGS = ScoreSettings()
@@ -115,6 +122,7 @@ class Filter:
         rows = np.flatnonzero(signals.clear)
         stride = max(1, window // SETTINGS.per_window, -(-len(rows) // SETTINGS.rows))
         self.rows = rows[::stride]
+        self.stride = stride
         # Samples behind each row: all of them, or those of its window where rows lie further apart.
         samples = min(stride, window) * len(self.rows)
         self.equations = samples / SETTINGS.dependent
@@ -136,6 +144,20 @@ class Filter:
         rate = np.convolve(even, self.kernels[::-1, 1], mode="same")
         direction = self._at_rows(np.sign(rate)) @ self.kernels[:, 0]
         return Filtered(value, speed, acceleration, direction)
+
+    def average(self, table: Floats) -> Floats:
+        """Average a table (M, k) of the compared rows over `SETTINGS.average` seconds.
+
+        A motion that no loop holds has large accelerations and small torques: noise of the one
+        hides the other, and averages out.
+        """
+        rows = SETTINGS.average / (self.interval * self.stride)
+        # A short log is averaged over less.
+        rows = min(rows, len(table) / SETTINGS.windows)
+        kernel = np.hanning(2 * int(rows / 2) + 3)[1:-1]
+        return np.column_stack(
+            [np.convolve(column, kernel / kernel.sum(), mode="valid") for column in table.T]
+        )
 
     def _at_rows(self, even):
         half = len(self.kernels) // 2
@@ -159,6 +181,19 @@ class Motion(NamedTuple):
     unexplained: float
     coupling: Floats
     coupling_std: Floats
+
+
+class Equation(NamedTuple):
+    """Columns of a motor's equation of motion at the compared rows.
+
+    Acceleration, speed and its sign (M, 3); columns of other terms (M, k), the other motors'
+    accelerations before them; the torque [N m] and its slope (M,) [N m/s].
+    """
+
+    own: Floats
+    free: Floats
+    torque: Floats
+    slope: Floats
 
 
 class Experiment:
@@ -290,7 +325,22 @@ class Experiment:
     @functools.cached_property
     def motions(self) -> list[Motion] | None:
         """The regression of each motor's torque on the motion; None without a torque."""
-        if self.torque is None:
+        if self.equations_of_motion is None:
+            return None
+        return [
+            _regression(
+                *equation[:3],
+                self.filter.equations,
+                self.n - 1,
+                closed=self.signals.reference is not None,
+            )
+            for equation in self.equations_of_motion
+        ]
+
+    @functools.cached_property
+    def equations_of_motion(self) -> list[Equation] | None:
+        """Columns of each motor's equation of motion; None without a torque, or without rows."""
+        if self.torque is None or not len(self.filter.rows):
             return None
         signals = self.signals
         to_angle = self.record.rig.encoder.to_angle
@@ -308,15 +358,17 @@ class Experiment:
         shared = np.column_stack(
             [np.ones(len(angle)), *gravity, *self._coupling(angle, speed, acceleration)]
         )
+        closed = signals.reference is not None
+        average = (lambda table: table) if closed else self.filter.average
+        torques = [self.filtered("torque", self.torque, i) for i in range(self.n)]
         return [
-            _regression(
-                np.column_stack([acceleration[:, i], speed[:, i], direction[:, i]]),
-                np.column_stack([np.delete(acceleration, i, axis=1), shared]),
-                self.filtered("torque", self.torque, i).value,
-                self.filter.equations,
-                self.n - 1,
+            Equation(
+                own=average(np.column_stack([acceleration[:, i], speed[:, i], direction[:, i]])),
+                free=average(np.column_stack([np.delete(acceleration, i, axis=1), shared])),
+                torque=average(torque.value[:, None])[:, 0],
+                slope=average(torque.speed[:, None])[:, 0],
             )
-            for i in range(self.n)
+            for i, torque in enumerate(torques)
         ]
 
     def _coupling(self, angle, speed, acceleration):
@@ -353,7 +405,8 @@ class Experiment:
             unexplained = np.array([motion.unexplained for motion in self.motions])
             # What the regression lacks changes with the pose, and so does its residual.
             fewer = SETTINGS.dependent / SETTINGS.dependent_motion
-            terms["motion"] = -fewer * half * np.log(unexplained + SETTINGS.motion)
+            floor = SETTINGS.motion * self._weakness
+            terms["motion"] = -fewer * half * np.log(np.minimum(unexplained + floor, 1.0))
             drive = self.record.rig.drive
             terms["inertia"] = np.array(
                 [
@@ -372,6 +425,18 @@ class Experiment:
         if self.signals.torque is not None:
             terms["limit"] = self._limit_prior
         return terms
+
+    @property
+    def _weakness(self):
+        """Largest mean square of a motor's torque over that of each (n,); 1 in a closed loop.
+
+        Where no loop drives a motor, the others move it, and what the regression lacks of their
+        torques is large beside its own.
+        """
+        if self.signals.reference is not None:
+            return np.ones(self.n)
+        power = np.var(self.torque, axis=0)
+        return power.max() / np.maximum(power, _RIDGE * power.max() or 1.0)
 
     @property
     def _limit_prior(self):
@@ -399,17 +464,19 @@ def _share(difference, a, b, noise=0.0):
     return float((np.mean(difference**2) + noise) / size) if size > 0 else 1.0
 
 
-def _regression(own, free, torque, equations, others):
+def _regression(own, free, torque, equations, others, *, closed):
     """Regress a torque (M,) on columns of its own motion (M, 3), not negative, and free ones.
 
-    The first `others` of the free columns are the other motors' accelerations.
+    The first `others` of the free columns are the other motors' accelerations. `closed`: whether a
+    loop turns a delay of the counts into torque.
     """
     nothing = Motion(0.0, np.inf, 0.0, np.inf, 0.0, np.inf, 1.0, *np.full((2, others), np.inf))
     if not len(torque):
         return nothing
     torque = _centred(torque)
     speed = own[:, 1]
-    rows = np.abs(speed) > SETTINGS.slow * np.sqrt(np.mean(speed**2))
+    # An average over much of a swing has friction of a known sign in all its rows.
+    rows = np.abs(speed) > SETTINGS.slow * np.sqrt(np.mean(speed**2)) * closed
     size = float(np.mean(torque[rows] ** 2)) if rows.sum() > free.shape[1] + 3 else 0.0
     if not size:
         return nothing
@@ -428,10 +495,10 @@ def _regression(own, free, torque, equations, others):
     reduced = squares[np.ix_(mine, mine)] - across.T @ by_free
     # 2. The likeliest coefficients that are not negative: of some of the columns.
     value, left = _not_negative(reduced)
-    # Late counts under a law add torque in proportion to speed: the part that the speed explains
-    # is no merit of a hypothesis.
-    beside_speed = squares[-1, -1] - squares[1, -1] ** 2 / max(squares[1, 1], _RIDGE)
-    share = max(left, 0.0) / max(beside_speed, _RIDGE * size)
+    # Late counts in a loop add torque in proportion to speed: the part that the speed explains is
+    # no merit of a hypothesis.
+    by_speed = squares[1, -1] ** 2 / max(squares[1, 1], _RIDGE) if closed else 0.0
+    share = max(left, 0.0) / max(squares[-1, -1] - by_speed, _RIDGE * size)
     variance = np.diag(np.linalg.pinv(reduced[:k, :k], hermitian=True)) * left / equations
     std = np.sqrt(np.maximum(variance, 0.0)) / scale[:k]
     inertia, viscous, coulomb = value / scale[:k]
@@ -496,17 +563,26 @@ def _inertia_prior(motion, rotor):
 
 def _coupling_prior(motions):
     """Log likelihood (n,) of the couplings: an inertia matrix has no negative eigenvalue."""
-    # |M_ij| <= sqrt(M_ii M_jj), by the inertias and as large as they may be.
+    n = len(motions)
+    away = ~np.eye(n, dtype=bool)
+    coupling, std = np.zeros((2, n, n))
+    coupling[away] = np.concatenate([motion.coupling for motion in motions])
+    std[away] = np.concatenate([motion.coupling_std for motion in motions])
+    # |M_ij| <= sqrt(M_ii M_jj), by inertias as large as they may be.
     largest = np.sqrt([motion.inertia + motion.inertia_std for motion in motions])
-    prior = np.zeros(len(motions))
-    for i, motion in enumerate(motions):
-        bound = largest[i] * np.delete(largest, i)
-        spread = np.hypot(motion.coupling_std, SETTINGS.coupling_spread * bound)
-        surplus = np.abs(motion.coupling) - bound
-        known = np.isfinite(spread) & (spread > 0)
-        beyond = np.maximum(surplus[known] / spread[known], 0.0)
-        prior[i] = -np.minimum(beyond**2, SETTINGS.surest).sum() / 2
-    return prior
+    bound = np.outer(largest, largest)
+    known = away & np.isfinite(bound) & np.isfinite(std + std.T)
+    symmetric = np.where(known, coupling + coupling.T, 0.0)[known] / 2
+    # The matrix is symmetric; what is not is an error of the regression.
+    spread = np.sqrt(
+        (std**2 + std.T**2)[known]
+        + (coupling[known] - symmetric) ** 2
+        + (SETTINGS.coupling_spread * bound[known]) ** 2
+    )
+    beyond = np.maximum((np.abs(symmetric) - bound[known]) / spread, 0.0)
+    prior = np.zeros((n, n))
+    prior[known] = -np.minimum(beyond**2, SETTINGS.surest) / 2
+    return prior.sum(axis=1)
 
 
 def _friction_prior(size, std, stated):

@@ -7,11 +7,11 @@ import numpy as np
 
 from plant.checkup.counts import hardly_asked
 from plant.checkup.finding import Check, Finding, unless
-from plant.checkup.hypothesis import Cause, Ranking
+from plant.checkup.hypothesis import SELECTION, Cause, Ranking
 from plant.checkup.innovation import LEAST_MOTION
 from plant.checkup.score import Experiment
 from plant.checkup.signals import TRACKING, Signals
-from plant.checkup.without_arm import counts_in_time, delays, lag
+from plant.checkup.without_arm import SWITCHES, Trials, counts_in_time, delays, lag
 from plant.laws.law import block_of
 
 CAUSES = "swapped joints", "gear sign", "delay", "drive sign", "swapped torques", "units of torque"
@@ -198,6 +198,21 @@ def _units(experiment, i):
     if experiment.command is not None and experiment.command[i] < 0.1:
         return Check("units of torque", i, "of the law's").fine(abs(_law_slope(experiment, i)))
     size = _rotor_inertias(experiment, i)
+    # A motor that others move tells neither its inertia nor its friction.
+    if size is not None and size > 0 and _certain_inertia(experiment, i):
+        if size > _HEAVY:
+            return check.look(
+                size,
+                f"Torque per acceleration is {size:.3g} times the rotor inertia:"
+                f" {_likely_units(experiment)}.",
+            )
+        friction = _friction(experiment, i)
+        if friction is not None and not 1 / _OTHER_UNIT < friction < _OTHER_UNIT:
+            return Check("units of torque", i, "of the Coulomb friction").look(
+                friction,
+                f"Coulomb friction is {friction:.2g} of what the rig states: correct that if it"
+                f" was a guess, or {_likely_units(experiment)}.",
+            )
     if size is None:
         return check.unknown("no rotor inertia stated, and no law that tells the torque")
     if not size > 0:
@@ -205,6 +220,43 @@ def _units(experiment, i):
             "no acceleration that torque explains, and no law that tells the torque"
         )
     return check.fine(size)
+
+
+# Torque per acceleration [rotor inertias] to look at: no arm is geared so badly.
+_HEAVY = 300.0
+
+
+def _certain_inertia(experiment, i):
+    motion = experiment.motions[i]
+    return motion.inertia > _CERTAIN * motion.inertia_std
+
+
+def _friction(experiment, i):
+    """Coulomb friction of a joint over the stated one; None where it is not significant."""
+    motion, stated = experiment.motions[i], experiment.record.rig.drive.coulomb[i]
+    if not stated or motion.coulomb < _CERTAIN * motion.coulomb_std:
+        return None
+    return float(motion.coulomb / stated)
+
+
+def _likely_units(experiment):
+    """Mistakes of units that the score prefers to what is stated, the likeliest first."""
+    return experiment.once("likely units", _units_by_score) or "check the units of the torque"
+
+
+def _units_by_score(experiment):
+    trials = Trials([row for row in SWITCHES if row.check in _UNITS])
+    ranked = sorted(trials(experiment), key=lambda candidate: -candidate.log_odds)
+    gains = [candidate.log_odds + candidate.hypothesis.against for candidate in ranked]
+    likely = [
+        f"{candidate.hypothesis.sentence[0].lower()}{candidate.hypothesis.sentence[1:]}"
+        for candidate, gain in zip(ranked, gains, strict=True)
+        if gain > max(gains[0] - SELECTION.undecided, 0.0)
+    ]
+    return ", or ".join(dict.fromkeys(likely))
+
+
+_UNITS = "units of torque", "units of counts", "quantisation step"
 
 
 # -- one column mapped to two joints ---------------------------------------------------------------

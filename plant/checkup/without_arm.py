@@ -440,35 +440,6 @@ def delay_sizes(sizes: tuple[float, ...]) -> Callable[..., tuple[float, ...]]:
 _UNSEEN = 2.5
 
 
-def sign_of_driven(experiment: Experiment, joints: Joints) -> tuple[float, ...]:
-    """One size, where a law gives the torque or a motor has a torque that is worth a sign."""
-    torque = experiment.torque
-    if torque is None:
-        return ()
-    if experiment.torques_of_law is not None:
-        return (1.0,)
-    size = np.std(torque, axis=0)
-    for i in joints:
-        fit = experiment.signals.regressions[i]
-        # Other joints may move a motor that has hardly any torque of its own; and only an inertia
-        # that is significantly negative, segment by segment of the log, is one.
-        if (
-            fit is None
-            or size[i] < _WEAK * size.max()
-            or fit.inertia[i] > -_CERTAIN * fit.inertia_std[i]
-        ):
-            return ()
-    return (1.0,)
-
-
-# Standard deviations from which on an inertia is negative.
-_CERTAIN = 4.0
-
-
-# Share of the largest motor torque below which a motor may just be moved by others.
-_WEAK = 0.25
-
-
 # -- evidence of other kinds -----------------------------------------------------------------------
 def rounding_evidence(experiment: Experiment, joints: Joints) -> Iterator[tuple[float, float]]:
     """Log odds of the convention that is not stated, by the width of the cell at zero."""
@@ -653,6 +624,8 @@ def _exchanges() -> Iterator[Hypothesis[Any]]:
             undo=undo,
             scope=pairs,
             sizes=(0.0, 1.0),
+            # Torques come in the order of their counts.
+            against=8.0 if name == "torques" else 5.0,
         )
 
 
@@ -673,7 +646,6 @@ def _turns() -> Iterator[Hypothesis[Any]]:
             remedy="Change the sign of " + ("the gear." if name == "gear" else f"{{{name}}}."),
             undo=undo,
             scope=each_joint,
-            suggested=sign_of_driven if name == "torque" else None,
         )
         # A driver, or a reader, that turns the sign of one joint turns those of all.
         if name != "gear":

@@ -8,10 +8,6 @@ import pytest
 OPEN = (
     "test_examine.py::test_defect_is_found_by_its_own_line[half the resolution]",
     "test_examine.py::test_any_record_can_be_examined",
-    "test_examine.py::test_real_runs_have_nothing_wrong",
-    "test_examine.py::test_real_defect_is_found[torque 0 turned]",
-    "test_examine.py::test_real_defect_is_found[torque geared twice]",
-    "test_examine.py::test_real_defect_is_found[angles of the joint]",
     "test_examine.py::test_real_counts_that_come_late",
     "test_law_delay.py::test_a_law_with_other_gains_is_no_delay[0.5-cascade]",
     "test_law_delay.py::test_a_law_with_other_gains_is_no_delay[2.0-cascade]",
