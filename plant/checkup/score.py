@@ -69,6 +69,8 @@ class ScoreSettings:
         swing. Real pendulums turn at 1 to 2 Hz.
     windows : int
         Windows of that kind that a log has at least; they are shorter in a short one.
+    segments : int
+        Segments of a log, each left out once by the jackknife of the regression.
     """
 
     rows: int = 800
@@ -76,7 +78,7 @@ class ScoreSettings:
     coupled: int = 3
     per_window: int = 7
     dependent: float = 7.0
-    dependent_motion: float = 70.0
+    dependent_motion: float = 50.0
     tracking: float = 3e-2
     command: float = 1e-4
     steps: float = 1e-2
@@ -96,6 +98,7 @@ class ScoreSettings:
     slow: float = 0.05
     average: float = 0.25
     windows: int = 20
+    segments: int = 10
 
 
 SETTINGS = ScoreSettings()
@@ -403,10 +406,8 @@ class Experiment:
             terms["command"] = -half * np.log(share + floor)
         if self.motions is not None:
             unexplained = np.array([motion.unexplained for motion in self.motions])
-            # What the regression lacks changes with the pose, and so does its residual.
-            fewer = SETTINGS.dependent / SETTINGS.dependent_motion
             floor = SETTINGS.motion * self._weakness
-            terms["motion"] = -fewer * half * np.log(np.minimum(unexplained + floor, 1.0))
+            terms["motion"] = -self.freedom / 2 * np.log(np.minimum(unexplained + floor, 1.0))
             drive = self.record.rig.drive
             terms["inertia"] = np.array(
                 [
@@ -425,6 +426,19 @@ class Experiment:
         if self.signals.torque is not None:
             terms["limit"] = self._limit_prior
         return terms
+
+    @functools.cached_property
+    def freedom(self) -> float:
+        """Independent equations of a motion beyond its unknown coefficients.
+
+        What the regression lacks changes with the pose, and so does its residual.
+        """
+        equation = self.equations_of_motion[0]
+        unknown = equation.own.shape[1] + equation.free.shape[1]
+        fewer = SETTINGS.dependent / SETTINGS.dependent_motion
+        equations = fewer * self.filter.equations
+        # Priors of the unknown coefficients replace some of them.
+        return max(equations - unknown, equations / 4)
 
     @property
     def _weakness(self):
@@ -484,8 +498,10 @@ def _regression(own, free, torque, equations, others, *, closed):
     columns = np.column_stack([own, free])[rows]
     scale = np.sqrt(np.mean(columns**2, axis=0))
     scale[scale == 0] = 1.0
-    columns = columns / scale
-    table = np.column_stack([columns, torque[rows]])
+    table = np.column_stack([columns / scale, torque[rows]])
+    length = len(table) // SETTINGS.segments
+    parts = table[: length * SETTINGS.segments].reshape(SETTINGS.segments, length, -1)
+    segments = parts.transpose(0, 2, 1) @ parts / len(table)
     squares = table.T @ table / len(table)
     k = own.shape[1]
     free_squares = squares[k:-1, k:-1] + _RIDGE * np.eye(free.shape[1])
@@ -499,25 +515,29 @@ def _regression(own, free, torque, equations, others, *, closed):
     # no merit of a hypothesis.
     by_speed = squares[1, -1] ** 2 / max(squares[1, 1], _RIDGE) if closed else 0.0
     share = max(left, 0.0) / max(squares[-1, -1] - by_speed, _RIDGE * size)
-    variance = np.diag(np.linalg.pinv(reduced[:k, :k], hermitian=True)) * left / equations
-    std = np.sqrt(np.maximum(variance, 0.0)) / scale[:k]
-    inertia, viscous, coulomb = value / scale[:k]
-    # 3. The coefficients of the free columns beside those.
-    coupled = slice(k, k + others)
-    coupling = (by_free[:, -1] - by_free[:, :k] @ value)[:others] / scale[coupled]
-    spread = np.diag(np.linalg.pinv(squares[:-1, :-1], hermitian=True))[coupled]
-    coupling_std = np.sqrt(np.maximum(spread * left / equations, 0.0)) / scale[coupled]
+    # 3. The coefficients of the free columns beside those, and standard deviations of all.
+    coupling = (by_free[:, -1] - by_free[:, :k] @ value)[:others]
+    std = _deviations(squares, segments, left / equations)
+    value, std = (x / scale[: k + others] for x in (np.r_[value, coupling], std[: k + others]))
+    inertia, viscous, coulomb = zip(value[:k], std[:k], strict=True)
     return Motion(
-        inertia,
-        std[0],
-        viscous,
-        std[1],
-        coulomb,
-        std[2],
-        min(share, 1.0),
-        coupling,
-        coupling_std,
+        *inertia, *viscous, *coulomb, min(share, 1.0), coupling=value[k:], coupling_std=std[k:]
     )
+
+
+def _deviations(squares, segments, variance):
+    """Standard deviations (k,) of a least-squares fit, of unit variance `variance`.
+
+    squares (k + 1, k + 1), segments (S, k + 1, k + 1): normal equations of the log and of its
+    parts. A jackknife over the parts covers what the regression lacks, which changes with the pose.
+    """
+    ridge = _RIDGE * np.eye(len(squares) - 1)
+    inverse = np.linalg.inv(squares[:-1, :-1] + ridge)
+    without = squares - segments
+    values = np.linalg.solve(without[:, :-1, :-1] + ridge, without[:, :-1, -1:])[..., 0]
+    moved = values - inverse @ squares[:-1, -1]
+    jackknife = (len(segments) - 1) * np.mean(moved**2, axis=0)
+    return np.sqrt(np.maximum(np.diag(inverse) * max(variance, 0.0), jackknife))
 
 
 # Relative weight that keeps normal equations of columns that are alike solvable: rounding errors
@@ -553,12 +573,28 @@ def _inertia_prior(motion, rotor):
     # A motion that is held tells neither an inertia nor its deviation.
     if not rotor or not 0 < motion.inertia_std < np.inf:
         return 0.0
-    # An inertia that is not significant may be as large as its standard deviation.
-    size = max(motion.inertia, motion.inertia_std) / rotor
-    error = motion.inertia_std / max(motion.inertia, motion.inertia_std)
-    usual = np.log(size / SETTINGS.inertia) / np.hypot(SETTINGS.inertia_spread, error)
-    below = np.log(min(size / SETTINGS.rotor, 1.0)) / np.hypot(SETTINGS.rotor_spread, error)
-    return float(-(usual**2) / 2 - min(below**2, 100.0) / 2)
+
+    def log_prior(inertia):
+        usual = np.log(inertia / rotor / SETTINGS.inertia) / SETTINGS.inertia_spread
+        below = np.log(np.minimum(inertia / rotor / SETTINGS.rotor, 1.0)) / SETTINGS.rotor_spread
+        return -(usual**2) / 2 - np.minimum(below**2, SETTINGS.surest) / 2
+
+    return _likeliest(motion.inertia, motion.inertia_std, SETTINGS.inertia * rotor, log_prior)
+
+
+def _likeliest(value, std, usual, log_prior):
+    """Log likelihood of an estimate and of a positive quantity with a prior, at the likeliest one.
+
+    An estimate that is not significant takes nothing from the prior's `usual` value.
+    """
+    quantity = np.append(value + std * _DEVIATIONS, usual)
+    quantity = quantity[quantity > 0]
+    return float((-(((quantity - value) / std) ** 2) / 2 + log_prior(quantity)).max())
+
+
+# Standard deviations beside an estimate at which a quantity is tried: their step changes a log
+# likelihood by less than a tenth.
+_DEVIATIONS = np.linspace(-6, 6, 49)
 
 
 def _coupling_prior(motions):
@@ -587,16 +623,18 @@ def _coupling_prior(motions):
 
 def _friction_prior(size, std, stated):
     """Log likelihood of a friction beside the stated one, which is measured, or a guess."""
-    if not stated or not np.isfinite(std):
+    if not stated or not 0 < std < np.inf:
         return 0.0
-    likeliest = max(size, std, 1e-6 * stated)
-    error = std / likeliest
-    distance = np.log(likeliest / stated)
-    measured, guess = (
-        np.log(share) - (distance / np.hypot(spread, error)) ** 2 / 2 - np.log(spread)
-        for share, spread in (
-            (1 - SETTINGS.guessed, SETTINGS.friction_spread),
-            (SETTINGS.guessed, SETTINGS.guess_spread),
+
+    def log_prior(friction):
+        distance = np.log(friction / stated)
+        measured, guess = (
+            np.log(share) - (distance / spread) ** 2 / 2 - np.log(spread)
+            for share, spread in (
+                (1 - SETTINGS.guessed, SETTINGS.friction_spread),
+                (SETTINGS.guessed, SETTINGS.guess_spread),
+            )
         )
-    )
-    return float(np.logaddexp(measured, guess))
+        return np.logaddexp(measured, guess)
+
+    return _likeliest(size, std, stated, log_prior)
