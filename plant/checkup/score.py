@@ -404,10 +404,11 @@ class Experiment:
                 # Steps that the law does not explain differ by noise alone.
                 share, floor = np.minimum(share, SETTINGS.unlike), SETTINGS.steps
             terms["command"] = -half * np.log(share + floor)
-        if self.motions is not None:
+        if self.motions is not None and self.equations_of_motion is not None:
+            freedom = self._freedom(self.equations_of_motion[0])
             unexplained = np.array([motion.unexplained for motion in self.motions])
             floor = SETTINGS.motion * self._weakness
-            terms["motion"] = -self.freedom / 2 * np.log(np.minimum(unexplained + floor, 1.0))
+            terms["motion"] = -freedom / 2 * np.log(np.minimum(unexplained + floor, 1.0))
             drive = self.record.rig.drive
             terms["inertia"] = np.array(
                 [
@@ -427,16 +428,13 @@ class Experiment:
             terms["limit"] = self._limit_prior
         return terms
 
-    @functools.cached_property
-    def freedom(self) -> float:
+    def _freedom(self, equation):
         """Independent equations of a motion beyond its unknown coefficients.
 
         What the regression lacks changes with the pose, and so does its residual.
         """
-        equation = self.equations_of_motion[0]
         unknown = equation.own.shape[1] + equation.free.shape[1]
-        fewer = SETTINGS.dependent / SETTINGS.dependent_motion
-        equations = fewer * self.filter.equations
+        equations = self.filter.equations * SETTINGS.dependent / SETTINGS.dependent_motion
         # Priors of the unknown coefficients replace some of them.
         return max(equations - unknown, equations / 4)
 
