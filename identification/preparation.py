@@ -62,8 +62,10 @@ def require_informative(record: Record, labels: Sequence[str], *, prior: bool = 
             f"a log must have at least {SETTINGS.samples} samples; got {len(record)}. Log longer."
         )
     _require_unsaturated(record, labels)
-    if record.law is not None and record.law.has_memory(record.n):
-        # Such a loop is damped, and its pass band that of the path.
+    # A loop with a memory is damped, and its pass band that of the path; a logged torque shows the
+    # inertias where it accelerates the arm. Neither needs an oscillation.
+    law = record.law
+    if law is not None and (law.has_memory(record.n) or law.replays in ("torque", "current")):
         return
     seconds = len(record) * record.rig.period
     # The loop's own oscillation shows the inertias: the log must hold some periods of it.

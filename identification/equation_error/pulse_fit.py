@@ -95,10 +95,12 @@ def pass_band(record: Record, arm: Arm | None = None) -> float:
 
     The mode is that of the data, or of a linearised arm.
 
-    Under a law with a memory (computed torque) nothing oscillates, and the band is a multiple of
-    the path's.
+    Under a law with a memory (computed torque), and in a log that is repeated in open loop, nothing
+    oscillates, and the band is a multiple of the path's.
     """
-    if record.law is not None and record.law.has_memory(record.n):
+    law = record.law
+    # A log that is repeated in open loop says nothing of the loop that it was made in.
+    if law is not None and (law.replays or law.has_memory(record.n)):
         return round(SETTINGS.paths * path_in(record), 1)
     band = round(SETTINGS.modes * mode_in(record), 1)
     if arm is None or record.law is None:

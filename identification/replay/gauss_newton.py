@@ -160,7 +160,7 @@ def gauss_newton(
     # 2. Covariance, from slopes at the values that the search ended with.
     if point.moved:
         point.slopes = np.empty((0, 0))
-        point.slopes = slopes(residual, point.values, step, varied, point.innovations)
+        point.slopes = slopes(residual, point.values, step, varied, point.innovations, bounds)
     undetermined = np.zeros((0, len(values)))
     if weak:
         point.slopes, directions = with_weak_directions(
@@ -219,7 +219,12 @@ def descend(
         if not fixed_slopes:
             point.slopes = np.empty((0, 0))
             point.slopes = slopes(
-                residual, point.values, step, varied, point.innovations if shorten_jumps else None
+                residual,
+                point.values,
+                step,
+                varied,
+                point.innovations if shorten_jumps else None,
+                bounds,
             )
             if measured is not None:
                 point.slopes = measured(point.values, point.slopes)
@@ -322,14 +327,19 @@ def slopes(
     step: Floats,
     varied: Integers,
     innovations: Floats | None = None,
+    bounds: Floats | None = None,
 ) -> Floats:
     """Change of the innovations (M, v) per step of the varied unknowns.
 
-    By central differences.
+    By central differences; by one-sided ones where a value lies on one of its bounds (k, 2).
 
     Steps that lose the log are shortened in place; with the innovations (M,) of the values
     themselves, also those on which innovations jump to one side.
     """
+    # Beyond its bound a number means nothing: friction below zero would act like its magnitude, and
+    # a central difference about zero would be none.
+    low, high = (-np.inf, np.inf) if bounds is None else bounds.T
+    up_from, down_from = values < high, values > low
     # A row per unknown, which differences fill one by one; the transpose is a view.
     changes = np.empty((len(varied), len(residual.weights)))
     waiting = list(range(len(varied)))
@@ -344,13 +354,20 @@ def slopes(
             moves = np.zeros((len(block), len(values)))
             moves[np.arange(len(block)), varied[block]] = step[varied[block]]
             # Both sides of all unknowns of a block in one call, side by side on the cores.
-            rows = residual.all_innovations([*(values + moves), *(values - moves)])
+            rows = residual.all_innovations(
+                [*(values + up_from * moves), *(values - down_from * moves)]
+            )
             for i, up, down in zip(block, rows[: len(block)], rows[len(block) :], strict=True):
                 if not (np.isfinite(up).all() and np.isfinite(down).all()):
                     lost.append(i)
                     continue
-                np.multiply(np.subtract(up, down, out=changes[i]), 0.5, out=changes[i])
-                if innovations is not None and _jumps(up, innovations, down, changes[i]):
+                central = up_from[varied[i]] and down_from[varied[i]]
+                np.subtract(up, down, out=changes[i])
+                changes[i] *= 0.5 if central else 1.0
+                # A difference to one side alone has no second one to compare it with.
+                if not central or innovations is None:
+                    continue
+                if _jumps(up, innovations, down, changes[i]):
                     jumping.append(i)
             # These rows are as large as the slopes: they go before the next block comes.
             del rows, up, down

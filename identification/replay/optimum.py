@@ -144,7 +144,7 @@ def fitted(
     if near is not None:
         count = len(near.rates)
         step[varied[:count]] = near.step[varied[:count]]
-        additional = slopes(model, values, step, varied[count:])
+        additional = slopes(model, values, step, varied[count:], bounds=bounds)
         # Slopes of unknowns that both have are not simulated again: they are the costly part of a
         # fit.
         point.slopes = np.vstack([near.rates, additional.T]).T

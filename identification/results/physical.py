@@ -1,9 +1,7 @@
 """Physical consistency: the arm nearest to an identified one that consists of possible bodies.
 
-A body within a box is a set of point masses in it: positive mass, a possible inertia, and a centre
-of mass inside the box are equivalent to non-negative masses on a fine grid. f is linear in them and
-in the inertias of the motors, so the nearest such f, in the metric of the identified covariance, is
-a problem of non-negative least squares. Dependencies that the lumping ignores (f3 = a f5 of the
+The nearest f in the metric of the identified covariance follows from point masses within boxes
+(`identification.equation_error.possible_bodies`). Dependencies that the lumping ignores (f3 = a f5 of the
 paper) hold for the result, as for any bodies.
 
 Source: C. L. Lawson, R. J. Hanson, Solving Least Squares Problems, Prentice Hall 1974 (non-negative
@@ -14,16 +12,15 @@ consistent inertial parameter identification, IEEE Robotics and Automation Lette
 
 import dataclasses
 import functools
-import itertools
 from collections.abc import Iterable, Iterator
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from identification.equation_error.estimate import Estimate
+from identification.equation_error.possible_bodies import PointMasses, nearest_amounts
 from plant import Arm, Body
 from plant.machine.motor_inertia import LEAST_MOTOR_INERTIA
-from plant.mechanics.lumping import STANDARD, standard_parameters
 from plant.parts import (
     Floats,
     Frozen,
@@ -116,8 +113,6 @@ def nearest_physical(found: Estimate, boxes: ArrayLike, *, points: int = 5) -> P
     >>> print([body.mass > 0 for body in near.bodies])
     [True, True]
     """
-    from scipy.optimize import nnls
-
     instance("found", found, Estimate, "Pass what identify or fit_torque gave.")
     dynamics = found.arm.dynamics
     n = found.arm.n
@@ -134,49 +129,26 @@ def nearest_physical(found: Estimate, boxes: ArrayLike, *, points: int = 5) -> P
     whole("points", points, "The default is 5.", least=2)
     # In whitened numbers, least squares counts standard deviations.
     whiten = whitening(found)
-    width = len(STANDARD)
-    matrix = np.array(dynamics.lumping.matrix)
 
-    # 1. One column of f per point mass of 1 kg, and one per motor.
-    places = []
-    columns = []
-    for i in range(n):
-        # An edge without length has a single point.
-        edges = [np.unique(np.linspace(low, high, points)) for low, high in boxes[i]]
-        for point in itertools.product(*edges):
-            pi = np.zeros(width * n)
-            mass = Body(mass=1.0, com=point).seen_from(dynamics.chain.links[i].frame)
-            pi[width * i : width * (i + 1)] = standard_parameters([mass])
-            places.append((i, np.array(point)))
-            columns.append(matrix @ pi)
-    rotors = matrix[:, STANDARD.index("J") :: width]
-
-    # 2. Non-negative least squares, in columns of length 1. Every motor has some inertia at least.
+    # 1. Non-negative least squares in point masses. Every motor has some inertia at least.
+    grid = PointMasses.in_boxes(dynamics, boxes, points)
     lowest = LEAST_MOTOR_INERTIA * found.rig.drive.reflected_inertia()
-    system = np.column_stack([*columns, rotors])
-    length = np.linalg.norm(whiten @ system, axis=0)
-    # A point that changes no f stays out of the solution.
-    length[length == 0] = 1.0
-    amounts, distance = nnls(
-        whiten @ system / length,
-        whiten @ (found.f - rotors @ lowest),
-        maxiter=50 * system.shape[1],
-    )
-    amounts = amounts / length
+    system = np.column_stack([grid.columns, grid.rotors])
+    amounts, distance = nearest_amounts(whiten, system, found.f - grid.rotors @ lowest)
 
-    # 3. The masses of each link as one body.
-    inertias = amounts[len(places) :] + lowest
+    # 2. The masses of each link as one body.
+    inertias = amounts[len(grid.links) :] + lowest
     bodies = []
     for link in range(n):
         masses = [
             Body(mass=float(mass), com=point)
-            for mass, (i, point) in zip(amounts, places, strict=False)
+            for mass, i, point in zip(amounts, grid.links, grid.places, strict=False)
             if i == link and mass > 0
         ]
         body = functools.reduce(Body.joined, masses, Body(mass=0.0, com=(0, 0, 0)))
         bodies.append(dataclasses.replace(body, rotor=float(inertias[link])))
     arm = dynamics.arm(dynamics.f(tuple(bodies)))
-    return Physical(arm=arm, bodies=tuple(bodies), distance=float(distance))
+    return Physical(arm=arm, bodies=tuple(bodies), distance=distance)
 
 
 def whitening(estimate: Estimate) -> Floats:

@@ -17,7 +17,13 @@ from identification.search.elastic import elastic
 from identification.search.genetic import GeneticSettings, minimize_genetic
 from identification.search.memory import with_memory
 from identification.search.outcome import Fit, Outcome
-from identification.search.polish import polished, start_of_fit, torque_fit
+from identification.search.polish import (
+    arm_of_torques,
+    excess_residual,
+    polished,
+    start_of_fit,
+    torque_fit,
+)
 from identification.search.predictive import difference_of, doubtful, predicted
 from identification.search.problem import Problem, in_parts, is_long
 from plant.parts.settings import frozen_settings
@@ -43,6 +49,9 @@ class SeededSettings:
     direct : int
         Number of unknowns above which the method goes without the genetic algorithm: the
         individuals of the paper are too few for a box of so many dimensions.
+    excess : float
+        Residual of logged torques under the values of a prediction-error fit, over the least: from
+        there on the torques give the arm.
     noise : float
         Relative noise of objective (4) over the last digits of a vector, since single counts decide
         it. Candidates within it are as good as the best.
@@ -52,6 +61,7 @@ class SeededSettings:
     neighbours: int = 119
     spread: float = 0.03
     direct: int = 30
+    excess: float = 2.0
     noise: float = 0.05
 
 
@@ -122,13 +132,33 @@ def prediction_error(problem: Problem) -> Outcome:
 
 
 def _followed(problem, *, simulated=False):
-    """Gauss-Newton from the torque equation's fit, for rigid gears and one model of the law."""
-    values, step = start_of_fit(problem, torque_fit(problem))
-    # Stages are part of the result, so that a user can compare them.
-    start = {"equation error": values}
-    return problem.checkpoint.stage(
-        "fit", lambda: polished(problem, values, step, start, simulated=simulated)
-    )
+    """Gauss-Newton from the torque equation's fit, for rigid gears and one model of the law.
+
+    Logged torques that no arm follows by prediction still give one by the torque equation.
+    """
+    reason: ValueError
+    try:
+        fit = torque_fit(problem)
+        values, step = start_of_fit(problem, fit)
+        # Stages are part of the result, so that a user can compare them.
+        start = {"equation error": values}
+        outcome = problem.checkpoint.stage(
+            "fit", lambda: polished(problem, values, step, start, simulated=simulated)
+        )
+        if simulated or not problem.repeats_torques:
+            return outcome
+        excess = excess_residual(fit, problem.unknown, outcome.fit.values)
+        if excess < SEEDED.excess:
+            return outcome
+        reason = ValueError(
+            f"predicted positions ask for an arm that leaves {excess:.2g} times as much of the"
+            " torques unexplained"
+        )
+    except ValueError as error:
+        if simulated or not problem.repeats_torques:
+            raise
+        reason = error
+    return problem.checkpoint.stage("torques", lambda: arm_of_torques(problem, reason))
 
 
 def seeded(problem: Problem) -> Outcome:

@@ -12,15 +12,20 @@ import numpy as np
 
 from identification.equation_error.least_squares import (
     SEGMENTS,
+    covariance_of,
     group_std,
     in_groups,
     least_squares,
 )
+from identification.equation_error.logged_torques import fit_torque
 from identification.equation_error.naming import first_problem
+from identification.equation_error.possible_bodies import with_possible_bodies
 from identification.equation_error.pulse_fit import equation_error as fit_pulses
 from identification.equation_error.pulse_fit import over_bands
-from identification.equation_error.regressor import SPRINGS
+from identification.equation_error.regressor import SPRINGS, linear
+from identification.equation_error.torque_fit import SETTINGS as TORQUE_WARNINGS
 from identification.equation_error.torque_fit import TorqueFit
+from identification.equation_error.torque_logs import torque_of
 from identification.replay.experiment import RATES
 from identification.replay.gauss_newton import (
     Solution,
@@ -34,7 +39,7 @@ from identification.search.outcome import Fit, Outcome
 from identification.search.problem import Problem, is_long
 from plant.machine.motor_inertia import least_inertia_margin, rotors_alone
 from plant.parts import Floats, frozen_settings
-from plant.parts.sums import dot, products
+from plant.parts.sums import dot, norm, products
 
 
 @frozen_settings
@@ -120,18 +125,97 @@ def torque_fit(problem: Problem) -> TorqueFit:
         return fit_pulses(problem.dynamics, problem.records, problem.unknown, problem.known)
     # Nuisances stay at their start: only whether the arm follows the log counts.
     prediction = problem.prediction()
-    for fit in over_bands(
-        problem.dynamics, problem.records, problem.unknown, problem.known
-    ).values():
-        values, _ = start_of_fit(problem, fit)
+
+    def follows(fit: TorqueFit) -> bool:
         # Gauss-Newton cannot start from an arm that diverges, however well it fits the torque.
-        if np.isfinite(prediction.innovations(np.append(values, prediction.nuisances))).all():
+        values, _ = start_of_fit(problem, fit)
+        return bool(
+            np.isfinite(prediction.innovations(np.append(values, prediction.nuisances))).all()
+        )
+
+    fits = over_bands(problem.dynamics, problem.records, problem.unknown, problem.known)
+    for fit in fits.values():
+        if follows(fit):
             return fit
+    # The residual hardly tells an arm from the nearest numbers that are none.
+    for fit in fits.values():
+        possible = with_possible_bodies(problem.dynamics, problem.records[0].rig, fit)
+        if possible is not None and follows(possible):
+            return possible
     raise ValueError(
         "the torque equation must give an arm that can follow the log; it does in no"
         f" band.{first_problem(problem.records)} Ask record.check() for order, signs and units of"
         " torques and positions, or give ranges."
     )
+
+
+def excess_residual(fit: TorqueFit, unknown: tuple[str, ...], values: Floats) -> float:
+    """RMS residual of a fit's equations under values (k,) of the unknowns, over that of the fit."""
+    named = dict(zip(unknown, values.tolist(), strict=True))
+    moved = np.array([named[name] for name in fit.names]) - fit.values
+    # Weighted squares grow by the squared distance in the metric of white noise.
+    deviation = np.sqrt(np.diag(fit.noise_covariance))
+    correlation = fit.noise_covariance / np.outer(deviation, deviation)
+    distance = norm(np.linalg.solve(np.linalg.cholesky(correlation), moved / deviation))
+    return float(np.sqrt(1 + distance**2 / fit.rows))
+
+
+def arm_of_torques(problem: Problem, error: ValueError) -> Outcome:
+    """The arm of `fit_torque` where logged torques cannot be followed, count by count.
+
+    Its bodies are the nearest that can be. `error`: why the log is not followed, which is raised
+    where the torques do not give an arm either.
+    """
+    dynamics = problem.dynamics
+    record = problem.records[0]
+    # Numbers that the torque equation lacks have no other estimate.
+    if set(linear(dynamics, record.rig, problem.unknown)) != set(problem.unknown):
+        raise error
+    try:
+        fit = fit_torque(
+            dynamics, problem.records, unknown=_not(problem.known, problem.unknown),
+            known=dict(problem.known),
+        )  # fmt: skip
+    except ValueError:
+        raise error from None
+    fit = with_possible_bodies(dynamics, record.rig, fit) or fit
+    values, _ = start_of_fit(problem, fit)
+    arm, rig, _ = problem.parts(values)
+    # Wrong columns, signs or units leave no arm: that error stands.
+    poor = fit.relative_error > TORQUE_WARNINGS.poor or bool(fit.causes)
+    if poor or not least_inertia_margin(dynamics, rig, arm.f[None])[0] > 0:
+        raise error
+
+    # Which joints the values explain, and which the log does not show.
+    torque = np.concatenate([torque_of(record) for record in problem.records])
+    shares = fit.sigma / np.sqrt(np.mean(torque**2, axis=0))
+    labels = dynamics.chain.joint_labels
+    poor_joints = [
+        f"{share:.0%} of the torque of {label}"
+        for share, label in zip(shares.tolist(), labels, strict=True)
+        if share > TORQUE_WARNINGS.poor
+    ]
+    unexplained = f"; they leave {', '.join(poor_joints)} unexplained" if poor_joints else ""
+    # The sentence of the error alone: its advice is for a log without torques.
+    why = str(error).partition(". ")[0]
+    reason = (
+        "the log cannot be followed count by count; the values explain its torques to"
+        f" {fit.relative_error:.1%}, with bodies that can be{unexplained} ({why})"
+    )
+    covariance = covariance_of(problem.unknown, fit.names, fit.covariance)
+    solved = Fit(
+        unknown=problem.unknown,
+        values=values,
+        candidates=values[None],
+        covariance=covariance,
+        fallback_reason=reason,
+    )
+    message = f"{fit.rows} equations, relative torque error {fit.relative_error:.1%}."
+    return Outcome(fit=solved, message=message)
+
+
+def _not(known, unknown):
+    return [name for name in unknown if name not in known]
 
 
 def start_of_fit(problem: Problem, fit: TorqueFit) -> tuple[Floats, Floats]:

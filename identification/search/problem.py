@@ -169,6 +169,12 @@ class Problem:
         return [record.law is not None and bool(record.law.replays) for record in self.records]
 
     @property
+    def repeats_torques(self) -> bool:
+        """Whether every record repeats its logged torques or currents."""
+        laws = [record.law for record in self.records]
+        return all(law is not None and law.replays in ("torque", "current") for law in laws)
+
+    @property
     def elastic(self) -> bool:
         """Whether the gears of any record are elastic."""
         return any(record.rig.drive.elasticity is not None for record in self.records)

@@ -1,0 +1,156 @@
+"""Bodies that can be, nearest to a fit of the torque equation: point masses within boxes.
+
+A body within a box is a set of point masses in it: positive mass, a possible inertia, and a centre
+of mass inside the box are equivalent to non-negative masses on a fine grid. f is linear in them and
+in the inertias of the motors, so the nearest such f, in the metric of a covariance, is a problem of
+non-negative least squares. Friction that is fitted beside f is non-negative in the same problem.
+
+Source: C. L. Lawson, R. J. Hanson, Solving Least Squares Problems, Prentice Hall 1974 (non-negative
+least squares).
+"""
+
+import itertools
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from identification.equation_error.bounds import brakes
+from identification.equation_error.torque_fit import TorqueFit
+from plant import Body, Dynamics, Rig
+from plant.machine.motor_inertia import LEAST_MOTOR_INERTIA
+from plant.mechanics.lumping import STANDARD, standard_parameters
+from plant.parts import Floats, Integers, frozen_settings
+
+
+@frozen_settings
+class PossibleBodySettings:
+    """Boxes of bodies that nobody measured, and a least mass in them; all are chosen by hand.
+
+    Parameters
+    ----------
+    points : int
+        Of the grid along each edge of a box.
+    beside : float
+        Half width of a box around a link and its two joints, as a share of the length of the chain.
+    least : float
+        Mass of every point, as a share of the mean: without it a light link would have no inertia
+        about its joint, and the arm no motion.
+    """
+
+    points: int = 4
+    beside: float = 0.1
+    least: float = 0.01
+
+
+SETTINGS = PossibleBodySettings()
+
+
+class PointMasses(NamedTuple):
+    """Grid of a chain's boxes: f is `columns` (p, m) times the masses of its points.
+
+    `links` (m,): of each point. `places` (m, 3): in the frame of its link's body [m]. `rotors` (p,
+    n): f per rotor inertia.
+    """
+
+    links: Integers
+    places: Floats
+    columns: Floats
+    rotors: Floats
+
+    @classmethod
+    def in_boxes(cls, dynamics: Dynamics, boxes: Floats, points: int) -> "PointMasses":
+        """The grid of boxes (n, 3, 2), so many points along each edge that has a length."""
+        width = len(STANDARD)
+        matrix = np.array(dynamics.lumping.matrix)
+        links = []
+        places = []
+        columns = []
+        for i, (link, box) in enumerate(zip(dynamics.chain.links, boxes, strict=True)):
+            # An edge without length has a single point.
+            edges = [np.unique(np.linspace(low, high, points)) for low, high in box]
+            of_link = matrix[:, width * i : width * (i + 1)]
+            for point in itertools.product(*edges):
+                mass = Body(mass=1.0, com=point).seen_from(link.frame)
+                links.append(i)
+                places.append(point)
+                columns.append(of_link @ standard_parameters([mass]))
+        return cls(
+            links=np.array(links),
+            places=np.array(places),
+            columns=np.array(columns).T,
+            rotors=matrix[:, STANDARD.index("J") :: width],
+        )
+
+
+def nearest_amounts(whiten: Floats, system: Floats, target: Floats) -> tuple[Floats, float]:
+    """Non-negative amounts (m,) whose system (k, m) is nearest to a target (k,), and the distance.
+
+    `whiten` (k, k): the distance is that of whitened numbers.
+    """
+    from scipy.optimize import nnls
+
+    columns = whiten @ system
+    length = np.linalg.norm(columns, axis=0)
+    # A point that changes nothing stays out of the solution.
+    length[length == 0] = 1.0
+    amounts, distance = nnls(columns / length, whiten @ target, maxiter=50 * system.shape[1])
+    return amounts / length, float(distance)
+
+
+def boxes_of(dynamics: Dynamics) -> Floats:
+    """Boxes (n, 3, 2) of bodies that nobody measured, around each link and its two joints [m]."""
+    links = dynamics.chain.links
+    # Of the last link no next joint is known: it has the box of its own joint.
+    ends = [np.array(link.rotation(0.0)[1], float).ravel() for link in links[1:]]
+    ends.append(np.zeros(3))
+    length = sum(float(np.linalg.norm(end)) for end in ends)
+    boxes = []
+    for link, end in zip(links, ends, strict=True):
+        # Corners in the frame of the body, whatever its pose on the link.
+        corners = np.array([np.zeros(3), end])
+        rotation = np.array(link.frame.rotation)
+        corners = (corners - np.array(link.frame.position)) @ rotation
+        beside = max(SETTINGS.beside * length, 0.05)
+        boxes.append(np.column_stack([corners.min(axis=0) - beside, corners.max(axis=0) + beside]))
+    return np.array(boxes)
+
+
+def with_possible_bodies(dynamics: Dynamics, rig: Rig, fit: TorqueFit) -> TorqueFit | None:
+    """A fit with the values of the nearest bodies that can be, and friction that brakes.
+
+    Nearest in the residual of the fit itself. None where f is partly known.
+    """
+    if not set(dynamics.names) <= set(fit.names):
+        return None
+    grid = PointMasses.in_boxes(dynamics, boxes_of(dynamics), SETTINGS.points)
+    size = len(fit.names)
+    places = [fit.names.index(name) for name in dynamics.names]
+    of_f = np.column_stack([grid.columns, grid.rotors])
+    others = [i for i in range(size) if i not in places]
+    # An unknown of either sign is the difference of two amounts.
+    braking = brakes(fit.names)
+    signed = [i for i in others if not braking[i]]
+    unit = np.eye(size)
+    system = np.zeros((size, of_f.shape[1]))
+    system[places] = of_f
+    system = np.column_stack([system, unit[:, others], -unit[:, signed]])
+
+    # 1. In the metric of the residual, whose squares the covariance of white noise describes.
+    deviation = np.sqrt(np.diag(fit.noise_covariance))
+    correlation = fit.noise_covariance / np.outer(deviation, deviation)
+    whiten = np.linalg.inv(np.linalg.cholesky(correlation)) / deviation
+    lowest = np.zeros(system.shape[1])
+    count = len(grid.links)
+    lowest[count : of_f.shape[1]] = LEAST_MOTOR_INERTIA * rig.drive.reflected_inertia()
+    amounts, _ = nearest_amounts(whiten, system, fit.values - system @ lowest)
+
+    # 2. Once more with a little mass everywhere: each link then has an inertia about its joint.
+    lowest[:count] = SETTINGS.least * amounts[:count].mean()
+    amounts, distance = nearest_amounts(whiten, system, fit.values - system @ lowest)
+    return replace(
+        fit,
+        values=system @ (amounts + lowest),
+        # As far as the residuals of all joints grow alike.
+        relative_error=fit.relative_error * float(np.sqrt(1 + distance**2 / fit.rows)),
+    )
