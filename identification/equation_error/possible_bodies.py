@@ -33,6 +33,8 @@ class PossibleBodySettings:
         Of the grid along each edge of a box.
     beside : float
         Half width of a box around a link and its two joints, as a share of the length of the chain.
+    least_beside : float
+        The same at least [m].
     least : float
         Mass of every point, as a share of the mean: without it a light link would have no inertia
         about its joint, and the arm no motion.
@@ -40,6 +42,7 @@ class PossibleBodySettings:
 
     points: int = 4
     beside: float = 0.1
+    least_beside: float = 0.05
     least: float = 0.01
 
 
@@ -101,18 +104,19 @@ def nearest_amounts(whiten: Floats, system: Floats, target: Floats) -> tuple[Flo
 def boxes_of(dynamics: Dynamics) -> Floats:
     """Boxes (n, 3, 2) of bodies that nobody measured, around each link and its two joints [m]."""
     links = dynamics.chain.links
-    # Of the last link no next joint is known: it has the box of its own joint.
     ends = [np.array(link.rotation(0.0)[1], float).ravel() for link in links[1:]]
+    lengths = [float(np.linalg.norm(end)) for end in ends]
+    beside = np.full(len(links), max(SETTINGS.beside * sum(lengths), SETTINGS.least_beside))
+    # Of the last link no next joint is known: with its tool it may be as long as any other.
     ends.append(np.zeros(3))
-    length = sum(float(np.linalg.norm(end)) for end in ends)
+    beside[-1] = max([beside[-1], *lengths])
     boxes = []
-    for link, end in zip(links, ends, strict=True):
+    for link, end, margin in zip(links, ends, beside, strict=True):
         # Corners in the frame of the body, whatever its pose on the link.
         corners = np.array([np.zeros(3), end])
         rotation = np.array(link.frame.rotation)
         corners = (corners - np.array(link.frame.position)) @ rotation
-        beside = max(SETTINGS.beside * length, 0.05)
-        boxes.append(np.column_stack([corners.min(axis=0) - beside, corners.max(axis=0) + beside]))
+        boxes.append(np.column_stack([corners.min(axis=0) - margin, corners.max(axis=0) + margin]))
     return np.array(boxes)
 
 

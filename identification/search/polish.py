@@ -23,9 +23,9 @@ from identification.equation_error.possible_bodies import with_possible_bodies
 from identification.equation_error.pulse_fit import equation_error as fit_pulses
 from identification.equation_error.pulse_fit import over_bands
 from identification.equation_error.regressor import SPRINGS, linear
+from identification.equation_error.torque_error import torque_error
 from identification.equation_error.torque_fit import SETTINGS as TORQUE_WARNINGS
 from identification.equation_error.torque_fit import TorqueFit
-from identification.equation_error.torque_logs import torque_of
 from identification.replay.experiment import RATES
 from identification.replay.gauss_newton import (
     Solution,
@@ -39,7 +39,7 @@ from identification.search.outcome import Fit, Outcome
 from identification.search.problem import Problem, is_long
 from plant.machine.motor_inertia import least_inertia_margin, rotors_alone
 from plant.parts import Floats, frozen_settings
-from plant.parts.sums import dot, norm, products
+from plant.parts.sums import dot, products
 
 
 @frozen_settings
@@ -149,15 +149,13 @@ def torque_fit(problem: Problem) -> TorqueFit:
     )
 
 
-def excess_residual(fit: TorqueFit, unknown: tuple[str, ...], values: Floats) -> float:
-    """RMS residual of a fit's equations under values (k,) of the unknowns, over that of the fit."""
-    named = dict(zip(unknown, values.tolist(), strict=True))
-    moved = np.array([named[name] for name in fit.names]) - fit.values
-    # Weighted squares grow by the squared distance in the metric of white noise.
-    deviation = np.sqrt(np.diag(fit.noise_covariance))
-    correlation = fit.noise_covariance / np.outer(deviation, deviation)
-    distance = norm(np.linalg.solve(np.linalg.cholesky(correlation), moved / deviation))
-    return float(np.sqrt(1 + distance**2 / fit.rows))
+def excess_of_torque(problem: Problem, values: Floats, least: Floats) -> float:
+    """Error of the logged torques under values (k,) of the unknowns, over that of the least (k,)."""
+    ours, theirs = (
+        torque_error(*problem.parts(vector)[:2], problem.records).total
+        for vector in (values, least)
+    )
+    return ours / theirs
 
 
 def arm_of_torques(problem: Problem, error: ValueError) -> Outcome:
@@ -186,21 +184,19 @@ def arm_of_torques(problem: Problem, error: ValueError) -> Outcome:
     if poor or not least_inertia_margin(dynamics, rig, arm.f[None])[0] > 0:
         raise error
 
-    # Which joints the values explain, and which the log does not show.
-    torque = np.concatenate([torque_of(record) for record in problem.records])
-    shares = fit.sigma / np.sqrt(np.mean(torque**2, axis=0))
-    labels = dynamics.chain.joint_labels
-    poor_joints = [
+    # Joints that the values do not explain.
+    error_on = torque_error(arm, rig, problem.records)
+    joints = [
         f"{share:.0%} of the torque of {label}"
-        for share, label in zip(shares.tolist(), labels, strict=True)
+        for share, label in zip(error_on.relative.tolist(), error_on.joints, strict=True)
         if share > TORQUE_WARNINGS.poor
     ]
-    unexplained = f"; they leave {', '.join(poor_joints)} unexplained" if poor_joints else ""
+    unexplained = f"; they leave {', '.join(joints)} unexplained" if joints else ""
     # The sentence of the error alone: its advice is for a log without torques.
     why = str(error).partition(". ")[0]
     reason = (
         "the log cannot be followed count by count; the values explain its torques to"
-        f" {fit.relative_error:.1%}, with bodies that can be{unexplained} ({why})"
+        f" {error_on.total:.1%}, with bodies that can be{unexplained} ({why})"
     )
     covariance = covariance_of(problem.unknown, fit.names, fit.covariance)
     solved = Fit(

@@ -107,9 +107,7 @@ def emps(folder):
         gear=(gear,), motor_inertia=(0.0,), motor_gain=(1.0,), current_limit=(np.inf,),
         viscous=None, coulomb=None,
     )  # fmt: skip
-    rig = Rig(
-        drive=drive, encoder=Encoder(resolution=(50_000.0,), rounding="round"), period=1e-3
-    )
+    rig = Rig(drive=drive, encoder=Encoder(resolution=(50_000.0,), rounding="round"), period=1e-3)
     records = []
     for name in ("DATA_EMPS", "DATA_EMPS_PULSES"):
         table = loadmat(existing(Path(folder) / "emps" / f"{name}.mat"))
@@ -171,7 +169,7 @@ def tiago(folder):
             existing(file_of("TIAGo")), base=ARMS["TIAGo"][1], tip=ARMS["TIAGo"][2]
         )
     torque = TIAGO_GEAR * TIAGO_CONSTANT * columns[1][:, 2:]
-    rig = direct_rig(chain.n, float(np.median(np.diff(t))))
+    rig = direct_rig(chain.n, float(np.median(np.diff(t))), counts=4096 * 100)
     record = record_of(t - t[0], columns[0][:, 2:], torque, rig)
     return Log(Dynamics.from_chain(chain, rotors=False), *zip(halves(record)))
 

@@ -71,7 +71,7 @@ def test_a_heap_on_a_finer_grid_comes_no_further(physical):
         ({"boxes": BOXES[:1]}, "boxes must have shape"),
         ({"boxes": [[(1, 0), (0, 0), (0, 0)]] * 2}, "low <= high"),
         ({"points": 1}, "points must be a whole number of at least 2"),
-        ({"found": puma560.arm()}, "found must be of type Identification"),
+        ({"found": puma560.arm()}, "found must be of type Estimate"),
         ({"boxs": BOXES}, "Did you mean 'boxes'"),
     ],
 )
