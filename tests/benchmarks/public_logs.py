@@ -1,21 +1,19 @@
 """Public logs of real machines as records, and the arms that they are of.
 
-Each function takes the folder of the data and gives `Arm` records: what was logged, split as its
+Each function takes the folder of the data and gives a `Log`: what was logged, split as its
 community splits it. A file that is missing raises FileNotFoundError, which names it. Lengths,
 gears, rotors and bodies are those that the makers or the authors of a log published.
 """
 
 import dataclasses
 import warnings
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
 from model_files import ARMS, file_of
 
 from plant import (
-    Body,
-    Cascade,
     Chain,
     Drive,
     Dynamics,
@@ -24,7 +22,6 @@ from plant import (
     LoggedTorque,
     Record,
     Rig,
-    Transport,
     read_robot,
     read_table,
 )
@@ -37,26 +34,13 @@ COLUMNS = {"t": "t", "position": "position", "torque": "torque"}
 class Log:
     """Logs of one machine: records to fit, records kept aside, and its equations.
 
-    `friction`: names of the friction that the machine has, all unknown.
+    `extra`: further columns of its torque, as `fit_torque` takes them.
     """
 
     dynamics: Dynamics
     fitted: Sequence[Record]
     kept: Sequence[Record]
-
-    @property
-    def friction(self) -> tuple[str, ...]:
-        n = self.dynamics.n
-        return tuple(f"drive.{kind}[{i}]" for kind in ("viscous", "coulomb") for i in range(n))
-
-    @property
-    def unknown(self) -> tuple[str, ...]:
-        return (*self.dynamics.names, *self.friction)
-
-    @property
-    def offset(self) -> tuple[str, ...]:
-        """Names of the offset of each joint, stated as zero by `with_offset`."""
-        return tuple(f"drive.curve.offset[{i}]" for i in range(self.dynamics.n))
+    extra: Mapping[str, Callable] = dataclasses.field(default_factory=dict)
 
 
 def direct_rig(n, period, *, counts=2.0**20, **drive):
@@ -174,6 +158,31 @@ def tiago(folder):
     return Log(Dynamics.from_chain(chain, rotors=False), *zip(halves(record)))
 
 
+# -- Staubli TX40 --------------------------------------------------------------------------------
+TX40_PERIOD, TX40_REST = 1 / 5000, 1.5  # [s]; the end of the log is without motion
+TX40_EVERY = 10  # one sample out of so many: 500 Hz hold all motion
+
+
+def tx40(folder):
+    """Motor angles and torques: the first half of the moving time is fitted, the second kept."""
+    robot = read_robot("tx40")
+    motor = [
+        np.loadtxt(
+            existing(Path(folder) / "staubli_tx40" / f"{name}_data.csv"), delimiter=",", skiprows=1
+        )
+        for name in ("pos_read", "curr")
+    ]
+    moving = slice(0, len(motor[0]) - int(TX40_REST / TX40_PERIOD), TX40_EVERY)
+    shift = np.array([0, -np.pi / 2, np.pi / 2, 0, 0, 0])
+    position = robot.rig.drive.joint_angle(motor[0][moving]) + shift
+    torque = robot.rig.drive.joint_torque(motor[1][moving])
+    drive = dataclasses.replace(robot.rig.drive, viscous=None, coulomb=None, curve=None)
+    period = TX40_PERIOD * TX40_EVERY
+    rig = dataclasses.replace(robot.rig, drive=drive, period=period)
+    record = record_of(period * np.arange(len(position)), position, torque, rig)
+    return Log(robot.dynamics, *zip(halves(record)))
+
+
 # -- KUKA KR300 R2500 ----------------------------------------------------------------------------
 # Standard Denavit-Hartenberg rows, gears and rotors, and the pose that is logged as zero, of
 # yifang0-0/Physics-Guided-Recurrent-State-Space-Neural-Networks, data/IndustRobo.
@@ -197,6 +206,15 @@ def kr300(folder):
     dynamics = Dynamics.from_chain(Chain.standard(rows))
     table = loadmat(existing(Path(folder) / "kr300" / "forward_shifted.mat"))
 
+    # A gas spring holds joint 2; its cylinder's force is no known function of the angle. Two
+    # harmonics beyond those of gravity, and a constant, describe it.
+    second = np.eye(6)[1]
+    extra = {
+        f"{name} {k} q2": lambda q, qd, qdd, wave=wave, k=k: wave(k * q[:, 1:2]) * second
+        for k in (2, 3)
+        for name, wave in (("cos", np.cos), ("sin", np.sin))
+    }
+
     def blocks(part):
         position = sign * (np.radians(table[f"y_{part}"].T) + KR300_HOME)
         torque = sign * KR300_GEAR * table[f"u_{part}"].T
@@ -205,4 +223,4 @@ def kr300(folder):
         pairs = zip(np.split(position, parts), np.split(torque, parts), strict=True)
         return [record_of(t, q, tau, rig) for q, tau in pairs]
 
-    return Log(dynamics, blocks("train"), blocks("test"))
+    return Log(dynamics, blocks("train"), blocks("test"), extra)
