@@ -27,7 +27,7 @@ from identification.results.summary import warn_of_doubts
 from plant import Arm, Law, Reference, Rig
 from plant.compiler.background import cores
 from plant.motion.everyday import motions_of, naming
-from plant.parts import Checkpoint, instance, known_options, real, whole
+from plant.parts import Checkpoint, instance, known_options, progress_bar, real, whole
 from plant.simulation.population import Runs
 
 Motions = Reference | Mapping[str, Reference]
@@ -104,6 +104,7 @@ class Task:
         self.found = found
         self.rig = rig
         self.progress = progress
+        self.steps_per_sample = steps_per_sample
         # A mapping of one motion still gives a set.
         self.several = isinstance(reference, Mapping)
         self.reference = next(iter(motions.values()))
@@ -332,24 +333,30 @@ def certify(
     motions = dict[str, tuple[Reference, Runs, dict[str, Any], Seen | None]]()
     driven = dict[str, tuple[Reference, dict[str, Any]]]()
     probability = None
-    with task.checkpoint as stages:
-        plants = task.sampled(samples)
+    seconds = sum(duration for _, duration in task.motions.values())
+    # Fits on gears, and rare failures, take about as long as the loops.
+    fits = 0.0 if task.uncertainty.resonance is None else seconds
+    work = fits + seconds + (0.0 if rare is None else seconds)
+    with task.checkpoint as stages, progress_bar(work, "certify", "s", progress) as bar:
+        with bar.part(fits, "fits on gears"):
+            plants = task.sampled(samples)
         # By default the start counts on rigid gears, and not on elastic ones.
         settling = SETTLED if plants.rig.drive.elasticity is not None else 0.0
-        for name, (path, seconds) in task.motions.items():
+        for name, (path, motion_seconds) in task.motions.items():
             settings: dict[str, Any] = {
                 "steps_per_sample": steps_per_sample,
-                "duration": seconds,
+                "duration": motion_seconds,
                 # Half of a short motion counts in any case.
-                "after": min(settling, seconds / 2) if after is None else float(after),
+                "after": min(settling, motion_seconds / 2) if after is None else float(after),
             }
             driven[name] = path, settings
             population = plants.under(law, path, within=task.within, **settings)
             # A single motion has no name, and its stages no prefix.
             part = stages.part(name) if name else stages
-            runs = population.run(task.threads, part, progress=progress, executor=executor)
+            with bar.part(motion_seconds, name):
+                runs = population.run(task.threads, part, progress=progress, executor=executor)
             # An arm without an identification has no log to be compared with.
-            of_log = seen(found, path, seconds) if isinstance(found, Identification) else None
+            of_log = seen(found, path, motion_seconds) if isinstance(found, Identification) else None
             # `Certificate.plant` simulates one arm again with the same lost counts, which are drawn
             # per step of the controller.
             settings_of_runs = settings | {"law_steps": population.law_steps}

@@ -1,7 +1,7 @@
 """Texts of a certificate: its verdict, its advice, and the lists of sampled effects."""
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
@@ -9,7 +9,7 @@ import numpy as np
 from ctc.certification.imperfections import IMPERFECTIONS
 from ctc.verdict.on_gears import LOWEST
 from plant.motion.everyday import slowing
-from plant.parts import Aside, Piece, Table, Verdict, by_joint, frozen_settings
+from plant.parts import Aside, Floats, Piece, Table, Verdict, by_joint, frozen_settings, significant
 
 
 @frozen_settings
@@ -170,17 +170,17 @@ def shown(certificate: Any) -> Iterator[Piece]:
     # 2. Rows with a number for each joint.
     # "higher" names an error that a sample has, also where the neighbour is infinite.
     high_quantile = np.quantile(runs.unrounded, 0.99, axis=0, method="higher")
-    quantities = [
-        ("encoder error, worst peak [pulses]", runs.peak.max(axis=0), ".0f"),
-        ("error before rounding, median peak [pulses]", np.median(runs.unrounded, axis=0), ".2f"),
-        ("error before rounding, 99 % below [pulses]", high_quantile, ".2f"),
-        ("by rounding alone, f exact, peak [pulses]", certificate.by_counts, ".2f"),
-        ("torque chatter per sample, median [N m]", np.median(runs.chatter, axis=0), ".1f"),
-        ("motor current, median peak / limit", certificate.current_share, ".0%"),
+    pulses = "{:.2f}".format
+    unrounded = runs.unrounded
+    quantities: list[tuple[str, Floats, Callable[[float], str]]] = [
+        ("encoder error, worst peak [pulses]", runs.peak.max(axis=0), "{:.0f}".format),
+        ("error before rounding, median peak [pulses]", np.median(unrounded, axis=0), pulses),
+        ("error before rounding, 99 % below [pulses]", high_quantile, pulses),
+        ("by rounding alone, f exact, peak [pulses]", certificate.by_counts, pulses),
+        ("torque chatter per sample, median [N m]", np.median(runs.chatter, axis=0), significant),
+        ("motor current, median peak / limit", certificate.current_share, "{:.0%}".format),
     ]
-    texts = [
-        (title, *(format(value, form) for value in values)) for title, values, form in quantities
-    ]
+    texts = [(title, *map(form, values)) for title, values, form in quantities]
     texts.append(("samples that reach the torque limit", *map(percent, certificate.saturation)))
     # The verdict first, then what it rests on, then what to do.
     yield Verdict(f"{type(certificate.law).__name__}: {certificate.verdict}", certificate.holds)
@@ -215,7 +215,7 @@ def shown_set(certificates: Any) -> Iterator[Piece]:
             f"{certificate.failures}",
             percent(certificate.upper, up=True),
             f"{certificate.runs.peak.max():.0f}",
-            f"{np.median(certificate.runs.chatter, axis=0).max():.2g}",
+            significant(np.median(certificate.runs.chatter, axis=0).max()),
         ]
         if start:
             row += [f"{certificate.failures_before}", f"{certificate.failures_with_start}"]

@@ -271,9 +271,10 @@ def run_tune(options: Namespace) -> Answer:
         str(tuning),
         f"the controller: {kind} ({best.tuned}); in Python, Certificate.load(FILE).law",
     ]
-    return _certified(
-        identification, tuning.certificate, messages, {"law": kind, "numbers": best.numbers}, place
-    )
+    of_law = {"law": kind, "numbers": best.numbers, "interrupted": tuning.interrupted}
+    answer = _certified(identification, tuning.certificate, messages, of_law, place)
+    # Few samples of the certificate may all keep a limit that samples of the search exceed.
+    return dataclasses.replace(answer, good=answer.good and tuning.holds)
 
 
 def _place(options: Namespace) -> Any:

@@ -20,7 +20,7 @@ from ctc.tuning.tuning import Family, Trial
 from identification import GeneticSettings, minimize_genetic
 from plant import Reference
 from plant.parts import Checkpoint, Floats, frozen, frozen_settings
-from plant.simulation.population import Runs
+from plant.simulation.population import Population, Runs
 
 
 @frozen_settings
@@ -58,6 +58,9 @@ class SearchSettings:
         Integration steps per sample in a search, and in a check.
     checked_tunings : int
         Tunings of a search that are checked, at most.
+    interrupted_samples : int
+        Samples of the certificate after Ctrl-C, at most: without a failure they bound the
+        probability to 0.3 %.
     joining_samples : int
         Failing samples of each check that join the next search, at most.
     screening_samples : int
@@ -112,6 +115,7 @@ class SearchSettings:
     search_steps: int = 4
     check_steps: int = 8
     checked_tunings: int = 2
+    interrupted_samples: int = 1000
     joining_samples: int = 6
     screening_samples: int = 200
     initial_motions: int = 2
@@ -149,7 +153,8 @@ class Tunings:
     duration [s]; a sample fails if it exceeds the limit in any of them. `options`: of `Population`.
     `scale` (n,): torque [N m] to which a joint's chatter is compared. `run_options`: of
     `Population.run`. `allowed`: share of the samples that may exceed the limit; where it is not
-    zero, no failing sample joins a search.
+    zero, no failing sample joins a search. `show`: called with the work of each simulation, in
+    sub-steps of all loops. `populations`: those of the motions, with their tables, as built first.
     """
 
     family: Family
@@ -161,6 +166,8 @@ class Tunings:
     allowed: float = 0.0
     checkpoint: Checkpoint = dataclasses.field(default_factory=lambda: Checkpoint(None, ""))
     settings: SearchSettings = SETTINGS
+    show: Callable[[float], Any] = float
+    populations: dict[Any, Population] = dataclasses.field(default_factory=dict)
 
     def runs(self, values: Floats, plants: Floats, steps: int) -> tuple[Runs, tuple[int, int]]:
         """Samples (P, L) under tunings (T, k), tuning by tuning, and the shape (T, P)."""
@@ -178,11 +185,30 @@ class Tunings:
         # A sample makes all motions, one after the other; their runs are joined into one.
         runs = []
         for path, duration in self.motions:
-            population = self.plants.under(
-                self.family.law, path, numbers, duration=duration, **options
-            )
+            key = id(path), duration, *sorted(options.items())
+            if key not in self.populations:
+                self.populations[key] = self.plants.under(
+                    self.family.law, path, numbers, duration=duration, **options
+                )
+            population = self.populations[key].with_values(lanes)
             runs.append(population.run(**self.run_options))
+            self.show(len(lanes) * duration * steps)
         return Runs.joined(runs), shape
+
+    def work(self, samples: int) -> float:
+        """Work of a search with so many samples, if it needs all rounds; most need fewer."""
+        settings = self.settings
+        seconds = sorted((duration for _, duration in self.motions), reverse=True)
+        individuals = settings.individuals * settings.subpopulations
+        generations = self._generations(settings.generations)
+        searched = sum(seconds[: settings.initial_motions]) * settings.search_steps
+        checked = sum(seconds) * settings.check_steps * len(self.plants)
+        return generations * individuals * samples * searched + len(settings.rounds) * checked
+
+    def _generations(self, generations: int) -> int:
+        """Generations for the number of variables: fewer variables need fewer, rounded up."""
+        reference = self.settings.reference_variables
+        return -(-generations * min(len(self.family.variables), reference) // reference)
 
     def costs(self, values: Floats, plants: Floats, aim: float) -> Floats:
         """Cost (T,) of tunings from chatter, failing samples and peak error.
@@ -210,33 +236,35 @@ class Tunings:
             + settings.excess_weight * excess.mean(axis=1)
         )
 
+    def initial(self) -> Floats:
+        """Initial tunings (T, k) of the family."""
+        return np.array([list(tuning.values()) for tuning in self.family.initial])
+
     def best(
-        self, plants: Floats, seed: int, show: Callable[[], Any], beat: float = np.inf
+        self, plants: Floats, seed: int, trials: list[Trial], beat: float = np.inf
     ) -> Trial:
         """The tuning with the least chatter among those with few enough failures.
 
         If no tuning has at most the allowed number of failing samples, it is the one with the
         fewest.
 
-        The search begins with plants (P, L), and calls `show` once per generation. `beat` is the
-        noise of the best tuning of another family: a tuning that still fails and is noisier ends
-        the search.
+        The search begins with plants (P, L), and adds each check to `trials`: whoever interrupts
+        it has those. `beat` is the noise of the best tuning of another family: a tuning that still
+        fails and is noisier ends the search.
         """
         settings = self.settings
-        # One row for each initial tuning of the family.
-        population = np.array([list(tuning.values()) for tuning in self.family.initial])
-        trials = list[Trial]()
+        population = self.initial()
         # Stages of the checkpoint are found again by name, in the order of the search.
         initial = functools.partial(self._hardest, population, plants)
         hard = self.checkpoint.stage("hardest", initial)
 
-        def checked(values: Floats) -> Trial:
+        def best_of(values: Floats) -> Trial:
             """The best tuning of a check.
 
             Its failing samples join the search, and so do the motions in which they fail.
             """
             nonlocal plants, hard
-            check = functools.partial(self._checked, values)
+            check = functools.partial(self.checked, values)
             checks, joining, failing = self.checkpoint.stage(f"check {len(trials)}", check)
             trials.extend(checks)
             plants = np.vstack([plants, *joining])
@@ -250,15 +278,15 @@ class Tunings:
             on_hard = dataclasses.replace(self, motions=tuple(self.motions[i] for i in hard))
             # Trials grow with each search, so each has another seed and another part of the file.
             population = on_hard._searched(
-                plants, population, generations, aim, radius, seed + len(trials), show
+                plants, population, generations, aim, radius, seed + len(trials)
             )
-            return checked(population[: settings.checked_tunings])
+            return best_of(population[: settings.checked_tunings])
 
         # A family that is louder than one that holds, whatever its tuning, gets a check alone.
         if np.isfinite(beat) and self._quietest(population, plants, hard[0]) > (
             settings.louder * beat
         ):
-            return checked(population[:1])
+            return best_of(population[:1])
 
         # 1. Search for a tuning that holds, with ever more to spare before rounding.
         for generations, aim in settings.rounds:
@@ -275,7 +303,7 @@ class Tunings:
             population = np.vstack([list(reached.numbers.values()), population])
             search(generations, settings.quieter_aim, settings.quieter_radius)
             for values in self._between(trials):
-                checked(values)
+                best_of(values)
             # The last search must have paid for another one.
             if min(trials, key=_RANK).noise > settings.quieter_gain * reached.noise:
                 break
@@ -319,7 +347,6 @@ class Tunings:
         aim: float,
         radius: float,
         seed: int,
-        show: Callable[[], Any],
     ) -> Floats:
         """Tunings (T, k) of the final generation, best first, from initial tunings `values`.
 
@@ -330,18 +357,14 @@ class Tunings:
         bounds = np.log(np.array(list(self.family.variables.values())))
         centre = np.log(values[0])
         bounds = np.clip(bounds.T, centre - radius, centre + radius).T
-        # Fewer variables need fewer generations, rounded up.
-        reference = settings.reference_variables
-        generations = -(-generations * min(len(bounds), reference) // reference)
         genetic = GeneticSettings(
             individuals=settings.individuals,
             subpopulations=settings.subpopulations,
-            generations=generations,
+            generations=self._generations(generations),
             bits_per_variable=settings.bits_per_variable,
         )
 
         def generation(state: Any) -> bool:
-            show()
             hopeless = settings.hopeless_share * settings.failure_weight
             return bool(state.generation >= settings.hope_generation and state.best_cost > hopeless)
 
@@ -374,7 +397,7 @@ class Tunings:
             end = np.log([*trial.numbers.values()])
             yield np.exp(start + shares[:, None] * (end - start))
 
-    def _checked(self, values: Floats) -> tuple[list[Trial], list[Floats], list[int]]:
+    def checked(self, values: Floats) -> tuple[list[Trial], list[Floats], list[int]]:
         """Check tunings (T, k) in turn until one holds.
 
         Returns the trials, the failing samples with the largest errors under each, and the motions

@@ -1,6 +1,8 @@
 """Search for the controller with the least chatter that keeps a limit under uncertainty."""
 
 import contextlib
+import dataclasses
+import operator
 import warnings
 from pathlib import Path
 from typing import Any
@@ -12,13 +14,16 @@ from ctc.certification.certificate import Certificate
 from ctc.certification.certificates import Certificates
 from ctc.certification.certify import Motions, Task, certify
 from ctc.certification.uncertainty import Uncertainty
+from ctc.tuning.known_gears import KnownGears, with_known_gears
 from ctc.tuning.search import SETTINGS, Tunings
 from ctc.tuning.tuning import Trial, Tuning, families
 from ctc.verdict.on_gears import SETTLED
 from identification import Identification, IdentificationWarning
 from plant import Arm, Reference, Rig
-from plant.parts import known_options, progress_bar, real
+from plant.parts import Floats, ProgressBar, known_options, progress_bar, real, warn
 from plant.simulation.executors import Executor
+
+_RANK = operator.attrgetter("rank")
 
 
 @known_options
@@ -137,48 +142,90 @@ def tune(
     # 2. The best tuning of each family.
     common = _common_options(task, fresh, after, allowed)
     laws = families(found, fresh.arm, fresh.own, task.reference)
-    trials = list[Trial]()
     context = contextlib.nullcontext() if executor is None else Executor(executor)
-    with (
-        context as shared,
-        task.checkpoint as stages,
-        progress_bar(len(laws) * SETTINGS.generations, "tune", "generation", progress) as bar,
-    ):
-        for i, family in enumerate(laws):
-            bar.set_postfix_str(family.name)
-            tunings = Tunings(
+    with context as shared, task.checkpoint as stages:
+        searches = [
+            Tunings(
                 family=family,
                 checkpoint=stages.part(family.name),
                 run_options={"threads": task.threads, "executor": shared},
                 **common,
             )
+            for family in laws
+        ]
+        seconds = sum(duration for _, duration in task.motions.values())
+        of_certificate = samples * seconds * task.steps_per_sample
+        work = sum(search.work(searched) for search in searches) + of_certificate
+        with progress_bar(work, "tune", "step", progress) as bar:
+            trials, interrupted = _searched(searches, searching.numbers()[1], seed, bar)
+            # 3. The quietest that holds, and its certificate.
+            best = min(trials, key=_RANK)
+            # Whoever has pressed Ctrl-C waits for few samples only, which no checkpoint may hold.
+            if interrupted:
+                samples = min(samples, SETTINGS.interrupted_samples)
+            part = None if interrupted or executor is not None else stages.part("certificate")
+            with warnings.catch_warnings(), bar.part(of_certificate, "certificate"):
+                warnings.simplefilter("ignore", IdentificationWarning)  # `tune` has given it
+                certificate: Certificate | Certificates = certify(
+                    found,
+                    rig,
+                    best.law,
+                    reference,
+                    task.uncertainty,
+                    samples=samples,
+                    seed=seed + 2,
+                    within=within,
+                    after=after,
+                    threads=threads,
+                    duration=duration,
+                    progress=progress,
+                    executor=executor,
+                    checkpoint=part,
+                )
+            gears: tuple[KnownGears, ...] = ()
+            # An executor's workers have their own populations, and Ctrl-C ends the waiting.
+            if not interrupted and executor is None:
+                simulated = common["options"] | {"steps_per_sample": SETTINGS.check_steps}
+                gears = stages.stage(
+                    "known gears",
+                    lambda: with_known_gears(fresh, common["motions"], simulated, task.threads),
+                )
+    return Tuning(
+        law=best.law,
+        trials=tuple(trials),
+        certificate=certificate,
+        fresh=validated,
+        interrupted=interrupted,
+        known_gears=gears,
+    )
+
+
+def _searched(
+    searches: list[Tunings], samples: Floats, seed: int, bar: ProgressBar
+) -> tuple[list[Trial], bool]:
+    """The best trial of each family, and whether Ctrl-C ended the search.
+
+    A second Ctrl-C ends all work.
+    """
+    checks: list[list[Trial]] = []
+    try:
+        for search in searches:
+            best = [min(trials, key=_RANK) for trials in checks]
             # A family that cannot be quieter than what holds already is given up early.
-            beat = min((trial.noise for trial in trials if trial.holds), default=np.inf)
-            trials.append(tunings.best(searching.numbers()[1], seed, bar.update, beat))
-            # A search that ended early leaves its bar where the next family begins.
-            bar.update((i + 1) * SETTINGS.generations - bar.n)
-    # 3. The quietest that holds, and its certificate.
-    best = min(trials, key=lambda trial: trial.rank)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", IdentificationWarning)  # `tune` has given it already
-        certificate: Certificate | Certificates = certify(
-            found,
-            rig,
-            best.law,
-            reference,
-            task.uncertainty,
-            samples=samples,
-            seed=seed + 2,
-            within=within,
-            after=after,
-            threads=threads,
-            duration=duration,
-            progress=progress,
-            executor=executor,
-            # An executor takes no checkpoint.
-            checkpoint=None if executor is not None else stages.part("certificate"),
-        )
-    return Tuning(law=best.law, trials=tuple(trials), certificate=certificate, fresh=validated)
+            beat = min((trial.noise for trial in best if trial.holds), default=np.inf)
+            checks.append([])
+            name = search.family.name
+            work = search.work(len(samples))
+            with bar.part(work, name), progress_bar(work, name, "step", True) as part:
+                shown = dataclasses.replace(search, show=part.update)
+                shown.best(samples, seed, checks[-1], beat)
+    except KeyboardInterrupt:
+        warn("tune: interrupted; the best so far is certified. Another Ctrl-C ends all")
+        # Before any check, the first initial tuning is the best: that of the default controller.
+        if not any(checks):
+            checks = [searches[0].checked(searches[0].initial()[:1])[0]]
+        return [min(trials, key=_RANK) for trials in checks if trials], True
+    return [min(trials, key=_RANK) for trials in checks], False
 
 
 def _common_options(task: Task, fresh: Any, after: float, allowed: float) -> dict[str, Any]:

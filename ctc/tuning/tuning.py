@@ -17,9 +17,12 @@ from ctc.laws.computed_torque import ComputedTorque
 from ctc.laws.computed_torque_pid import ComputedTorquePID
 from ctc.laws.feed_forward import FeedForward
 from ctc.stability.design import motor_gain
+from ctc.tuning.known_gears import SETTINGS, KnownGears
 from identification import IdentificationWarning
 from plant import PD, Arm, Law, Reference, Rig
-from plant.parts import Floats, Frozen, Piece, Shown, Table, Verdict, frozen, kept
+from plant.parts import Floats, Frozen, Piece, Shown, Table, Verdict, frozen, kept, significant
+from plant.parts.arguments import several
+from plant.parts.shown import inside
 
 Numbers = Mapping[str, Floats]
 
@@ -223,12 +226,19 @@ class Tuning(Shown, Frozen):
         Of the controller, on samples of its own; of a mapping of motions, one for each.
     fresh : int
         Validation samples of a trial that holds.
+    interrupted : bool
+        Whether Ctrl-C ended the search: the controller is the best until then.
+    known_gears : tuple of KnownGears
+        Over a wide range of resonances: computed torque that has the gears in its model, at places
+        of the range.
     """
 
     law: Law
     trials: tuple[Trial, ...]
     certificate: Certificate | Certificates
     fresh: int
+    interrupted: bool = False
+    known_gears: tuple[KnownGears, ...] = ()
 
     @property
     def holds(self) -> bool:
@@ -253,7 +263,7 @@ class Tuning(Shown, Frozen):
             # A row has room for three joints; of more it shows the largest.
             few = len(trial.chatter) <= 3
             joints = trial.chatter if few else np.max(trial.chatter, keepdims=True)
-            chatter = " / ".join(f"{x:.1f}" for x in joints)
+            chatter = " / ".join(significant(x) for x in joints)
             rows.append((trial.family, percent(trial.left / trial.of), chatter, trial.tuned))
         return Table(("", "exceed", "chatter [N m]", "tuned"), rows, words=(3,))
 
@@ -265,20 +275,59 @@ class Tuning(Shown, Frozen):
             " families"
         )
 
+    def _failing(self, samples: str) -> Iterator[Piece]:
+        """What the search and the certificate say of a controller that does not keep the limit."""
+        best = min(self.trials, key=lambda trial: trial.rank)
+        share = best.left / best.of
+        yield Verdict(
+            f"No controller keeps the limit on {samples} of the search: with this one, the fewest,"
+            f" {best.left} of {best.of} exceed it ({percent(share)}).",
+            False,
+        )
+        # Few samples of a certificate may all keep a limit that some of more samples exceed.
+        count = len(self.certificate.plants)
+        if not self.certificate.failures:
+            yield (
+                f"the certificate has {count:,} other samples; with a probability of"
+                f" {percent((1 - share) ** count)} none of so many exceeds it"
+            )
+
     def _shown(self) -> Iterator[Piece]:
         allowed = self.trials[0].allowed
         samples = f"all but {allowed} of {self.fresh} samples" if allowed else "all samples"
+        if self.interrupted:
+            yield "the search was interrupted: this is the best controller until then"
         if not self.holds:
-            yield Verdict(
-                f"No controller keeps the limit on {samples}; with this one the fewest exceed it.",
-                False,
-            )
+            yield from self._failing(samples)
             closest = min(self.trials, key=lambda trial: trial.peak)
             quietest = min(self.trials, key=lambda trial: trial.noise)
             yield f"least peak: {closest.peak:.0f} pulses, {closest.family} ({closest.tuned})"
             chatter = f"{quietest.chatter.max():.2g} N m"
             yield f"least chatter: {chatter}, {quietest.family} ({quietest.tuned})"
         # The certificate advises to call `tune`, which has just searched.
-        yield from (piece for piece in self.certificate._shown() if piece is not SEARCH)
+        pieces = self.certificate._shown() if self.holds else inside(self.certificate)
+        yield from (piece for piece in pieces if piece is not SEARCH)
+        yield from self._with_known_gears()
         yield "the best tuning of each family, on independent validation samples:"
         yield self._table()
+
+    def _with_known_gears(self) -> Iterator[Piece]:
+        """What identified gears would gain, where that is much."""
+        best = min(self.trials, key=lambda trial: trial.rank)
+        loudest = float(best.chatter.max())
+        quiet = [
+            gears
+            for gears in self.known_gears
+            if not gears.left and (not best.holds or gears.chatter < SETTINGS.gain * loudest)
+        ]
+        if quiet:
+            places = several([f"{gears.hz:.3g}" for gears in quiet], len(quiet))
+            chatter = significant(max(gears.chatter for gears in quiet))
+            whole_range = "no controller for the whole range keeps it"
+            if best.holds:
+                whole_range = f"this one, for the whole range, has {significant(loudest)} N m"
+            yield (
+                f"the range of resonances decides: with gears of {places} Hz known to 10 %,"
+                f" computed torque keeps the limit with {chatter} N m of chatter; {whole_range}."
+                " identify(..., elasticity=True) finds them"
+            )

@@ -2,7 +2,7 @@
 
 import functools
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from numbers import Real
 from typing import Any
 
@@ -15,7 +15,7 @@ from ctc.verdict.on_gears import SETTLED, FromRest, LowestResonance, from_rest, 
 from plant import Arm, Record
 from plant.compiler.background import cores
 from plant.machine.elasticity import DAMPING_RATIO
-from plant.parts import Floats, Piece, Shown, Verdict, by_joint, frozen
+from plant.parts import Floats, Piece, Shown, Verdict, by_joint, frozen, significant
 
 
 @frozen
@@ -215,26 +215,25 @@ class Evaluation(Shown):
         elastic = self.record.rig.drive.elasticity is not None
         # On elastic gears encoder and controller know the motor alone.
         part = "motor" if elastic else "joint"
-        quantities = [
-            ("encoder error, peak [pulses]", self.max_error_pulses, ".0f"),
-            ("encoder error, RMS [pulses]", self.rms_error_pulses, ".2f"),
-            (f"true {part} error, peak [pulses]", self.max_true_error_pulses, ".2f"),
+        pulses = "{:.2f}".format
+        quantities: list[tuple[str, Floats, Callable[[float], str]]] = [
+            ("encoder error, peak [pulses]", self.max_error_pulses, "{:.0f}".format),
+            ("encoder error, RMS [pulses]", self.rms_error_pulses, pulses),
+            (f"true {part} error, peak [pulses]", self.max_true_error_pulses, pulses),
         ]
         # Encoders sit on the motors: elastic gears hide an error of the links.
         if elastic:
             link = 1e3 * np.abs(self.link_error)
             rms = np.sqrt(np.mean(link**2, axis=0))
-            quantities.append(("link error, peak [mrad]", link.max(axis=0), ".3f"))
-            quantities.append(("link error, RMS [mrad]", rms, ".3f"))
+            quantities.append(("link error, peak [mrad]", link.max(axis=0), "{:.3f}".format))
+            quantities.append(("link error, RMS [mrad]", rms, "{:.3f}".format))
+        # The torques of a wrist are thousandths of those of a shoulder.
         quantities += [
-            ("torque, peak [N m]", self.peak_torque, ".0f"),
-            ("torque chatter per sample [N m]", self.chatter, ".1f"),
-            ("share at the amplifier's limit", self.saturation, ".2%"),
+            ("torque, peak [N m]", self.peak_torque, significant),
+            ("torque chatter per sample [N m]", self.chatter, significant),
+            ("share at the amplifier's limit", self.saturation, "{:.2%}".format),
         ]
-        rows = [
-            (title, *(format(value, form) for value in values))
-            for title, values, form in quantities
-        ]
+        rows = [(title, *map(form, values)) for title, values, form in quantities]
         # The verdict first, then the numbers, then the assumptions.
         yield Verdict(self._short(), self.holds)
         yield by_joint(self.joint_labels, rows)

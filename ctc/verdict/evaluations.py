@@ -1,6 +1,6 @@
 """`evaluate`: an arm under a controller, on a path or in several motions; `compare` controllers."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from typing import Any, TypedDict, Unpack, overload
 
 import numpy as np
@@ -10,17 +10,17 @@ from ctc.figures.errors import plot_comparison
 from ctc.verdict.evaluation import Evaluation
 from plant import Arm, Law, Reference, Rig
 from plant.motion.everyday import motions_of, naming, of_motion
-from plant.parts import Piece, Shown, Table, Verdict, choice, frozen, instance, known_options
+from plant.parts import Piece, Shown, Table, Verdict, choice, frozen, instance, known_options, significant
 from plant.simulation.logged_run import DivergenceError
 from plant.simulation.simulator import Injected, run
 
 # Head of each column, and its cell for an `Evaluation`.
 _COLUMNS = (
     ("within ±1", lambda e: e.share_within(1)),
-    ("peak [pulses]", lambda e: _cell(e.max_error_pulses, ".0f")),
-    ("RMS [pulses]", lambda e: _cell(e.rms_error_pulses, ".2f")),
-    ("torque, RMS [N m]", lambda e: _cell(e.rms_torque, ".1f")),
-    ("chatter [N m]", lambda e: _cell(e.chatter, ".1f")),
+    ("peak [pulses]", lambda e: _cell(e.max_error_pulses, "{:.0f}".format)),
+    ("RMS [pulses]", lambda e: _cell(e.rms_error_pulses, "{:.2f}".format)),
+    ("torque, RMS [N m]", lambda e: _cell(e.rms_torque, significant)),
+    ("chatter [N m]", lambda e: _cell(e.chatter, significant)),
     ("at the limit", lambda e: f"{e.saturation.max():.2%}"),
 )
 
@@ -28,11 +28,11 @@ _COLUMNS = (
 _JOINTS = 3
 
 
-def _cell(values: NDArray[np.float64], form: str) -> str:
+def _cell(values: NDArray[np.float64], form: Callable[[float], str]) -> str:
     """Numbers of all joints, or of many joints the largest and its joint."""
     if len(values) > _JOINTS:
-        return f"{values.max():{form}} q[{values.argmax()}]"
-    return " / ".join(format(value, form) for value in values)
+        return f"{form(values.max())} q[{values.argmax()}]"
+    return " / ".join(map(form, values))
 
 
 def overview(

@@ -16,12 +16,12 @@ from plant.parts.checkpoint import Checkpoint
 from plant.parts.fields import Bools, Floats, Integers, Nested, Vector
 from plant.parts.frozen import Frozen, frozen
 from plant.parts.kinds import kept
-from plant.parts.messages import progress_bar, warn
+from plant.parts.messages import ProgressBar, progress_bar, warn
 from plant.parts.part import Part, number, part, structure
 from plant.parts.saved import Saved
 from plant.parts.settings import Settings, frozen_settings
 from plant.parts.shown import Aside, Piece, Shown, Verdict, Warned
-from plant.parts.tables import Table, by_joint
+from plant.parts.tables import Table, by_joint, significant
 from plant.parts.vector import Fields, per_joint, scalars
 
 __all__ = [
@@ -35,6 +35,7 @@ __all__ = [
     "Nested",
     "Part",
     "Piece",
+    "ProgressBar",
     "Saved",
     "Settings",
     "Shown",
@@ -57,6 +58,7 @@ __all__ = [
     "progress_bar",
     "real",
     "scalars",
+    "significant",
     "signs",
     "structure",
     "warn",

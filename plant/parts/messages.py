@@ -1,11 +1,15 @@
 """Messages to the user: warnings at the caller's line, progress bars, labels of joints."""
 
+import contextlib
+import contextvars
 import sys
 import warnings
-from collections.abc import Sequence
-from typing import Any
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any, TypeAlias
 
 from tqdm import tqdm
+
+Say: TypeAlias = Callable[[str], Any]
 
 _OURS = ("plant", "identification", "ctc")
 
@@ -23,13 +27,83 @@ def warn(text: str, category: type[Warning] = UserWarning) -> None:
     warnings.warn(text, category, stacklevel=level)
 
 
-def progress_bar(total: int | None, label: str, unit: str, shown: bool) -> Any:
-    """A bar on standard error, to use in a ``with`` statement; it is gone when the work is done.
+class ProgressBar:
+    """A progress bar, or a part of the bar around it; progress counts from 0 to `total`."""
 
-    Where standard error is a file or a pipe there is none, shown or not.
+    def __init__(self, total: float | None, advance: Callable[[float], Any], say: Say) -> None:
+        self.n = 0.0
+        self.total = total
+        self._advance = advance
+        self._say = say
+
+    def update(self, count: float = 1) -> None:
+        """Count finished work; work beyond the total moves nothing."""
+        self.move_to(self.n + count)
+
+    def move_to(self, n: float) -> None:
+        """Progress that was reached; a bar does not go back."""
+        if self.total is not None:
+            n = min(n, self.total)
+        moved = max(n - self.n, 0.0)
+        self.n += moved
+        self._advance(moved)
+
+    def set_postfix_str(self, text: str) -> None:
+        """A text behind the time left."""
+        self._say(text)
+
+    @contextlib.contextmanager
+    def part(self, count: float, text: str = "") -> Iterator[None]:
+        """A context for `count` of the work: bars inside it move this bar by so much together."""
+        end = self.n + count
+        if text:
+            self._say(text)
+        token = _AROUND.set((self, count))
+        try:
+            yield
+        finally:
+            _AROUND.reset(token)
+        # Work of unknown length may have no bar, or one that ended early.
+        self.move_to(end)
+
+
+# The bar around, and how much of it the next one stands for.
+_AROUND: contextvars.ContextVar[tuple[ProgressBar, float] | None] = contextvars.ContextVar(
+    "around", default=None
+)
+
+# A bar that moves evenly in its work may wait long for the first of few steps: without digits of
+# the count, and with the time left from the mean rate.
+_FORMAT = "{desc}: {percentage:3.0f} %|{bar}| {elapsed}, {remaining} left{postfix}"
+
+
+@contextlib.contextmanager
+def progress_bar(
+    total: float | None, label: str, unit: str, shown: bool
+) -> Iterator[ProgressBar]:
+    """A bar with the time left on standard error; it is gone when the work is done.
+
+    Where standard error is a file or a pipe there is none, shown or not. Inside a part of another
+    bar it moves that one.
     """
+    around = _AROUND.get()
+    if around is not None and total:
+        bar, share = around
+        # Several bars may follow each other inside one part: its end limits them all.
+        end = bar.n + share
+        yield ProgressBar(
+            total,
+            lambda count: bar.move_to(min(bar.n + count * share / total, end)),
+            bar.set_postfix_str,
+        )
+        return
     # `disable=None` lets tqdm find out whether standard error is a terminal.
-    return tqdm(total=total, desc=label, unit=unit, disable=None if shown else True, leave=False)
+    options = {"disable": None if shown else True, "leave": False, "unit": unit}
+    if total is not None:
+        # Of unequal steps the mean rate tells more than that of the last one.
+        options |= {"bar_format": _FORMAT, "smoothing": 0, "miniters": 0}
+    with tqdm(total=total, desc=label, **options) as drawn:
+        yield ProgressBar(total, drawn.update, drawn.set_postfix_str)
 
 
 def joint_label(names: Sequence[str], joint: int) -> str:

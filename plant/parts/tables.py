@@ -6,6 +6,7 @@ blanks between columns.
 
 import dataclasses
 import itertools
+import math
 import textwrap
 from collections.abc import Iterable, Sequence
 
@@ -34,6 +35,14 @@ class TableLayout:
 
 
 LAYOUT = TableLayout()
+
+
+def significant(value: float, digits: int = 2) -> str:
+    """A number with so many significant digits, all digits before the point, and no exponent."""
+    if not value or not math.isfinite(value):
+        return f"{value:g}"
+    decimals = digits - 1 - math.floor(math.log10(abs(value)))
+    return f"{value:.{max(decimals, 0)}f}"
 
 
 def wrapped(text: str, width: int = WIDTH, indent: str = "") -> list[str]:

@@ -3,12 +3,13 @@
 A run has no log: the kernel updates a few numbers at every sample (`tally`).
 """
 
+import copy
 import functools
 import math
 import secrets
 from collections.abc import Callable, Sequence
 from dataclasses import fields, replace
-from typing import Any
+from typing import Any, Self
 
 import casadi as ca
 import numpy as np
@@ -235,6 +236,12 @@ class Population:
         self._tables = self._kernel.prepared((*self._times, columns))
         self._numbers = loop.number_values(arm.f)
         self._start = path.start() if initial is None else initial
+
+    def with_values(self, values: Floats) -> Self:
+        """The same population with other values (P, L): equations and tables stay."""
+        other = copy.copy(self)
+        other._values = values
+        return other
 
     def run(
         self,

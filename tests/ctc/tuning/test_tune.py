@@ -3,6 +3,7 @@ holds.
 """
 
 import dataclasses
+import signal
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ from uncertain import with_uncertainty
 from ctc import ComputedTorque, Uncertainty, certify, tune
 from ctc.certification.certified import clopper_pearson
 from ctc.certification.samples import draw
+from ctc.tuning.known_gears import KnownGears, with_known_gears
 from ctc.tuning.search import SearchSettings, Tunings
 from ctc.tuning.tuning import families
 from plant import puma560, simulate
@@ -132,7 +134,7 @@ def test_plants_that_leave_join_the_search(monkeypatch):
         scale=np.ones(2), run_options={"threads": 2},
         settings=SearchSettings(rounds=((1, np.inf),) * 3),
     )  # fmt: skip
-    tunings.best(plants.numbers()[1][:1], 0, lambda: None)
+    tunings.best(plants.numbers()[1][:1], 0, [])
     assert seen[0] == 1
     assert max(seen) > 1
 
@@ -161,12 +163,12 @@ def test_it_goes_on_from_the_first_that_holds_and_gives_up_what_is_beaten(monkey
         scale=np.ones(2), run_options={"threads": 2}, settings=settings,
     )  # fmt: skip
     some = plants.numbers()[1]
-    longer = tunings.best(some[:2], 0, lambda: None)
+    longer = tunings.best(some[:2], 0, [])
     assert longer.left == 0
     often = len(searches)
     settings = dataclasses.replace(settings, quieter_searches=0)
     tunings = dataclasses.replace(tunings, settings=settings)
-    first = tunings.best(some[:2], 0, lambda: None)
+    first = tunings.best(some[:2], 0, [])
     assert longer.noise <= first.noise
     assert len(searches) - often < often
 
@@ -175,11 +177,11 @@ def test_it_goes_on_from_the_first_that_holds_and_gives_up_what_is_beaten(monkey
         [],
     )
     # another holds with far less chatter
-    strict.best(some[:2], 0, lambda: None, 0.01 * first.noise)
+    strict.best(some[:2], 0, [], 0.01 * first.noise)
     assert not searches
     settings = dataclasses.replace(settings, louder=np.inf)
     dataclasses.replace(strict, settings=settings).best(
-        some[:2], 0, lambda: None, 0.01 * first.noise
+        some[:2], 0, [], 0.01 * first.noise
     )
     assert len(searches) == 1
 
@@ -238,3 +240,94 @@ def test_wrong_calls_are_refused_in_one_line(options, message):
 def test_arguments_in_another_order_are_refused():
     with pytest.raises(ValueError, match="The order is found, rig, reference"):
         tune(ARM, PATH, RIG, **with_uncertainty(**STATED))
+
+
+@pytest.mark.parametrize(("evaluations", "families_tried"), [(0, 0), (1, 0), (2, 1)])
+def test_ctrl_c_gives_the_best_so_far_with_a_certificate_of_few_samples(
+    monkeypatch, evaluations, families_tried
+):
+    """Before the first check that is the default; afterwards the best that was checked."""
+    settings = SearchSettings(
+        rounds=((1, np.inf),),
+        validation_samples=20,
+        quieter_searches=0,
+        louder=np.inf,
+        interrupted_samples=30,
+    )
+    monkeypatch.setattr("ctc.tuning.tune.SETTINGS", settings)
+    done = []
+    original = Tunings.costs
+
+    def costs(self, *some):
+        done.append(self.family.name)
+        if len(done) > evaluations:
+            signal.raise_signal(signal.SIGINT)
+        return original(self, *some)
+
+    monkeypatch.setattr(Tunings, "costs", costs)
+    with pytest.warns(UserWarning, match="interrupted"):
+        found = tune(ARM, RIG, PATH, **with_uncertainty(**STATED | {"resonance": None}, **SHORT))
+    assert found.interrupted
+    assert "interrupted" in str(found)
+    assert len(found.certificate.plants) == 30
+    assert len(done) == evaluations + 1
+    assert len(found.trials) == max(families_tried, 1)
+    default = families(ARM, ARM, RIG, PATH)[0]
+    if not families_tried:
+        assert found.trials[0].numbers == default.initial[0]
+    assert found.law is min(found.trials, key=lambda trial: trial.rank).law
+
+
+def test_another_ctrl_c_ends_the_work(monkeypatch):
+    monkeypatch.setattr(Tunings, "costs", lambda *_: signal.raise_signal(signal.SIGINT))
+    monkeypatch.setattr(Tunings, "checked", lambda *_: signal.raise_signal(signal.SIGINT))
+    with pytest.warns(UserWarning, match="interrupted"), pytest.raises(KeyboardInterrupt):
+        tune(ARM, RIG, PATH, **with_uncertainty(**STATED | {"resonance": None}, **SHORT))
+
+
+def text_of(found):
+    return " ".join(str(found).split())
+
+
+def test_a_certificate_of_few_samples_does_not_contradict_the_search(tuning):
+    """2 of 2,000 samples exceed the limit, and none of the 150 of the certificate."""
+    assert not tuning.certificate.failures
+    failing = [
+        dataclasses.replace(trial, left=2 + trial.left, of=2000, allowed=0)
+        for trial in tuning.trials
+    ]
+    text = text_of(dataclasses.replace(tuning, trials=tuple(failing)))
+    assert "2 of 2000 exceed it (0.1 %)" in text
+    assert "other samples; with a probability of 86.1 % none of so many" in text
+    assert "✓" not in text
+
+
+def test_it_says_what_known_gears_would_gain(tuning):
+    """Only where they keep the limit, with much less chatter, or where nothing else keeps it."""
+    loud = max(min(tuning.trials, key=lambda trial: trial.rank).chatter)
+    quiet = KnownGears(hz=42.0, left=0, of=50, chatter=0.1 * loud)
+    with_them = dataclasses.replace(tuning, known_gears=(quiet,))
+    assert "42 Hz known to 10 %" in text_of(with_them)
+    assert "elasticity=True" in text_of(with_them)
+    for change in ({"left": 1}, {"chatter": 0.9 * loud}):
+        other = quiet._replace(**change)
+        assert "elasticity=True" not in text_of(dataclasses.replace(tuning, known_gears=(other,)))
+
+
+def test_known_gears_are_tried_over_a_wide_range_of_all_joints():
+    """The samples of a place have its resonance, and their controller its gears."""
+    options = {"within": 1, "after": 0.02, "steps_per_sample": 4}
+    wide = Uncertainty(resonance=(30, 90), friction=0.02, covariance=STATED["covariance"])
+    plants = draw(wide, ARM, RIG, 400, 5, START)
+    low, _, high = with_known_gears(plants, ((PATH, 0.4),), options, 2)
+    assert 30 < low.hz < 33
+    assert 82 < high.hz < 90
+    assert 20 <= low.of < 60
+    # The stiff end is easy; an observer on rigid gears fails there as at the soft one.
+    assert high.left == 0
+    rigid = ComputedTorque(ARM, RIG, bandwidth=150)
+    near = np.abs(np.log(plants.values[:, plants.names.index("resonance")] / high.hz)) < 0.05
+    runs = plants.under(rigid, PATH, duration=0.4, **options).run(2)
+    assert (runs.outside[near] > 0).all()
+    narrow = dataclasses.replace(wide, resonance=(30, 40))
+    assert with_known_gears(draw(narrow, ARM, RIG, 20, 5, START), ((PATH, 0.4),), options, 2) == ()

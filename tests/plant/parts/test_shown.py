@@ -4,7 +4,7 @@ from html.parser import HTMLParser
 
 import pytest
 
-from plant import Table
+from plant.parts import Table
 from plant.parts.shown import Aside, Shown, Verdict, Warned, body, inside, table
 
 NASTY = "<script>alert('x')</script> & \"q\""

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from plant import Table
+from plant.parts import Table
 from plant.parts.tables import WIDTH, by_joint, wrapped
 
 NAMES = (
