@@ -28,7 +28,7 @@ from identification.search.problem import Problem, Tolerances
 from plant import Dynamics, Record
 from plant.parts.arguments import instance, known_options
 from plant.parts.checkpoint import Checkpoint
-from plant.parts.messages import progress_bar, warn
+from plant.parts.messages import ProgressBar, progress_bar, warn
 from plant.parts.saved import versions
 
 
@@ -163,37 +163,50 @@ def identify(
     tolerances = instance(
         "tolerances", tolerances or Tolerances(), Tolerances, "Give Tolerances(gear=0.01)."
     )
-    problem = prepare(
-        dynamics,
-        records,
-        unknown,
-        held_out,
-        method,
-        ranges,
-        settings,
-        seed,
-        zeros,
-        options,
-        tolerances,
-        prior,
-    )
-    # The stored stages are bound to the inputs: a change of any refuses the file.
-    with Checkpoint(checkpoint, "identify").bind(lambda: problem.inputs) as stored:
-        problem = replace(problem, checkpoint=stored)
-        result = _identified(problem, progress, started)
-    # Once, at the end: `_identified` calls itself for the fallback.
-    warn_of_doubts(result, "identify")
+    with progress_bar(sum(_SHARES.values()), "identify", "share", progress) as bar:
+        with _part(bar, "the logs"):
+            problem = prepare(
+                dynamics,
+                records,
+                unknown,
+                held_out,
+                method,
+                ranges,
+                settings,
+                seed,
+                zeros,
+                options,
+                tolerances,
+                prior,
+            )
+        # The stored stages are bound to the inputs: a change of any refuses the file.
+        with Checkpoint(checkpoint, "identify").bind(lambda: problem.inputs) as stored:
+            problem = replace(problem, checkpoint=stored)
+            result = _identified(problem, bar, started)
+        # Once, at the end: `_identified` calls itself for the fallback.
+        with _part(bar, "warnings"):
+            warn_of_doubts(result, "identify")
     return result
 
 
-def _identified(problem: Problem, progress: bool, started: float) -> Identification:
+# Shares of the time, of an arm with six joints (``tests/benchmarks/waiting.py --profile``).
+_SHARES = {"the logs": 0.1, "search": 0.45, "tests of the rig": 0.35, "warnings": 0.1}
+
+
+def _part(bar: ProgressBar, name: str) -> contextlib.AbstractContextManager[None]:
+    return bar.part(_SHARES[name], name)
+
+
+def _identified(problem: Problem, bar: ProgressBar, started: float) -> Identification:
     """Identify from the log alone; if no arm follows from it, beside the model's own bodies."""
     try:
-        outcome = problem.checkpoint.stage("search", lambda: search(problem, progress))
-        result = _assess(problem, outcome, started)
+        with _part(bar, "search"):
+            outcome = problem.checkpoint.stage("search", lambda: search(problem))
+        with _part(bar, "tests of the rig"):
+            result = _assess(problem, outcome, started)
     except ValueError as error:
         # Where no arm follows from the log, one may follow beside a prior.
-        fallback = _beside_model(problem, progress, started)
+        fallback = _beside_model(problem, bar, started)
         # A prior helps with f only: an error that names a number of rig or law stays.
         names = problem.dynamics.names
         if fallback is not None and getattr(error, "name", names[0]) in names:
@@ -206,11 +219,11 @@ def _identified(problem: Problem, progress: bool, started: float) -> Identificat
     # A fallback is the result of a rougher method: the model's own bodies may do better.
     if result.fit.fallback_reason is None:
         return result
-    fallback = _beside_model(problem, progress, started)
+    fallback = _beside_model(problem, bar, started)
     return result if fallback is None else fallback
 
 
-def _beside_model(problem: Problem, progress: bool, started: float) -> Identification | None:
+def _beside_model(problem: Problem, bar: ProgressBar, started: float) -> Identification | None:
     """Identify with the model's own bodies as a prior; None without them, or if doubts remain."""
     dynamics = problem.dynamics
     records = problem.records
@@ -224,7 +237,7 @@ def _beside_model(problem: Problem, progress: bool, started: float) -> Identific
     part = problem.checkpoint.part("prior")
     with contextlib.suppress(ValueError):
         problem = replace(problem, prior=prior, checkpoint=part)
-        result = _identified(problem, progress, started)
+        result = _identified(problem, bar, started)
         # A result with doubts would hide the reason why the log alone gives none.
         if not doubts(result):
             text = advice(dynamics, records, prior)
@@ -233,10 +246,10 @@ def _beside_model(problem: Problem, progress: bool, started: float) -> Identific
     return None
 
 
-def search(problem: Problem, progress: bool) -> Outcome:
-    """Outcome of the method of a problem; a progress bar counts generations."""
-    total = problem.settings.generations
-    with progress_bar(total, "identify", "generation", progress) as bar:
+def search(problem: Problem) -> Outcome:
+    """Outcome of the method of a problem; a progress bar counts generations, and a fit as many."""
+    total = 2 * problem.settings.generations
+    with progress_bar(total, "search", "generation", False) as bar:
         # The method calls it after every generation.
         def show(best: float) -> None:
             bar.set_postfix_str(f"best {best:.0f} pulses^2")

@@ -356,7 +356,9 @@ def certify(
             with bar.part(motion_seconds, name):
                 runs = population.run(task.threads, part, progress=progress, executor=executor)
             # An arm without an identification has no log to be compared with.
-            of_log = seen(found, path, motion_seconds) if isinstance(found, Identification) else None
+            of_log = (
+                seen(found, path, motion_seconds) if isinstance(found, Identification) else None
+            )
             # `Certificate.plant` simulates one arm again with the same lost counts, which are drawn
             # per step of the controller.
             settings_of_runs = settings | {"law_steps": population.law_steps}

@@ -190,7 +190,7 @@ def _on_gears(
             {},
             prior=identification.fit.prior,
         )
-        fit = search(problem, False).fit
+        fit = search(problem).fit
     except ValueError:  # the log contradicts such gears, or they cannot carry the arm
         return None
     return None if fit.covariance is None else (problem.parts(fit.values)[0], fit)

@@ -33,6 +33,7 @@ from plant import Dynamics
 from plant.models.new_robot import MISSING, new_robot_file
 from plant.models.robot_file import FOLDER, read_robot
 from plant.parts.files import write_whole
+from plant.parts.messages import progress_bar
 
 # The table [log] of a robot file, for its owner to complete.
 _COLUMNS = Path(__file__).with_name("columns.toml")
@@ -385,6 +386,18 @@ def run_report(options: Namespace) -> Answer:
     if not options.output.endswith((".html", ".htm")):
         raise ValueError(f"the page must be an .html file; got {options.output}. Name it so.")
     place = _place(options)
+    with progress_bar(1.0, "report", "share", not options.quiet) as bar:
+        with bar.part(0.3, "controller"):
+            identification, results = _to_report(options)
+        with bar.part(0.7, "page"):
+            write_report(identification, *results, path=place, overwrite=options.force)
+    # The page speaks of options, not of Python's keyword arguments.
+    write_whole(place, [page_in_the_shell(place.read_text(encoding="utf-8"))])
+    return Answer(f"wrote {place}", {"file": str(place), "doubts": doubts(identification)})
+
+
+def _to_report(options: Namespace) -> tuple[Identification, list[Any]]:
+    """The identification, its controller's evaluation if there is a path, and the certificate."""
     identification = Identification.load(options.found)
     certificate: Any = (
         None if options.certificate is None else Certificate.load(options.certificate)
@@ -410,11 +423,7 @@ def run_report(options: Namespace) -> Answer:
     else:
         # Nominal arm and rig: what the certificate adds is their uncertainty.
         evaluation = evaluate(identification.arm, identification.rig, law, path)
-    results = [result for result in (evaluation, certificate) if result is not None]
-    write_report(identification, *results, path=place, overwrite=options.force)
-    # The page speaks of options, not of Python's keyword arguments.
-    write_whole(place, [page_in_the_shell(place.read_text(encoding="utf-8"))])
-    return Answer(f"wrote {place}", {"file": str(place), "doubts": doubts(identification)})
+    return identification, [x for x in (evaluation, certificate) if x is not None]
 
 
 # Name of each command -> its function.

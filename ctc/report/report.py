@@ -12,6 +12,10 @@ from ctc.verdict.evaluation import Evaluation
 from identification import Identification
 from plant.parts.arguments import instance, known_options
 from plant.parts.files import require_new, write_whole
+from plant.parts.messages import progress_bar
+
+# Sections of a page with all results.
+_SECTIONS = 8
 
 
 @known_options
@@ -93,5 +97,9 @@ def write_report(
     joints = ", ".join(found.arm.dynamics.chain.joint_labels)
     today = datetime.date.today().isoformat()
     subtitle = f"{joints}; {found.search.method}; written on {today}"
-    parts = sections(found, by_type.get(Evaluation), by_type.get(Certificate))
+    parts = []
+    with progress_bar(_SECTIONS, "report", "section", False) as bar:
+        for part in sections(found, by_type.get(Evaluation), by_type.get(Certificate)):
+            parts.append(part)
+            bar.update()
     write_whole(file, [page(instance("title", title, str, "Give a line."), subtitle, parts)])

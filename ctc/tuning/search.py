@@ -240,9 +240,7 @@ class Tunings:
         """Initial tunings (T, k) of the family."""
         return np.array([list(tuning.values()) for tuning in self.family.initial])
 
-    def best(
-        self, plants: Floats, seed: int, trials: list[Trial], beat: float = np.inf
-    ) -> Trial:
+    def best(self, plants: Floats, seed: int, trials: list[Trial], beat: float = np.inf) -> Trial:
         """The tuning with the least chatter among those with few enough failures.
 
         If no tuning has at most the allowed number of failing samples, it is the one with the

@@ -10,7 +10,17 @@ from ctc.figures.errors import plot_comparison
 from ctc.verdict.evaluation import Evaluation
 from plant import Arm, Law, Reference, Rig
 from plant.motion.everyday import motions_of, naming, of_motion
-from plant.parts import Piece, Shown, Table, Verdict, choice, frozen, instance, known_options, significant
+from plant.parts import (
+    Piece,
+    Shown,
+    Table,
+    Verdict,
+    choice,
+    frozen,
+    instance,
+    known_options,
+    significant,
+)
 from plant.simulation.logged_run import DivergenceError
 from plant.simulation.simulator import Injected, run
 

@@ -72,15 +72,24 @@ _AROUND: contextvars.ContextVar[tuple[ProgressBar, float] | None] = contextvars.
     "around", default=None
 )
 
+
+@contextlib.contextmanager
+def _outermost() -> Iterator[None]:
+    """A context in which bars move no other bar, unless in a part of theirs."""
+    token = _AROUND.set(None)
+    try:
+        yield
+    finally:
+        _AROUND.reset(token)
+
+
 # A bar that moves evenly in its work may wait long for the first of few steps: without digits of
 # the count, and with the time left from the mean rate.
 _FORMAT = "{desc}: {percentage:3.0f} %|{bar}| {elapsed}, {remaining} left{postfix}"
 
 
 @contextlib.contextmanager
-def progress_bar(
-    total: float | None, label: str, unit: str, shown: bool
-) -> Iterator[ProgressBar]:
+def progress_bar(total: float | None, label: str, unit: str, shown: bool) -> Iterator[ProgressBar]:
     """A bar with the time left on standard error; it is gone when the work is done.
 
     Where standard error is a file or a pipe there is none, shown or not. Inside a part of another
@@ -91,18 +100,20 @@ def progress_bar(
         bar, share = around
         # Several bars may follow each other inside one part: its end limits them all.
         end = bar.n + share
-        yield ProgressBar(
+        moved = ProgressBar(
             total,
             lambda count: bar.move_to(min(bar.n + count * share / total, end)),
             bar.set_postfix_str,
         )
+        with _outermost():
+            yield moved
         return
     # `disable=None` lets tqdm find out whether standard error is a terminal.
     options = {"disable": None if shown else True, "leave": False, "unit": unit}
     if total is not None:
         # Of unequal steps the mean rate tells more than that of the last one.
         options |= {"bar_format": _FORMAT, "smoothing": 0, "miniters": 0}
-    with tqdm(total=total, desc=label, **options) as drawn:
+    with tqdm(total=total, desc=label, **options) as drawn, _outermost():
         yield ProgressBar(total, drawn.update, drawn.set_postfix_str)
 
 

@@ -180,9 +180,7 @@ def test_it_goes_on_from_the_first_that_holds_and_gives_up_what_is_beaten(monkey
     strict.best(some[:2], 0, [], 0.01 * first.noise)
     assert not searches
     settings = dataclasses.replace(settings, louder=np.inf)
-    dataclasses.replace(strict, settings=settings).best(
-        some[:2], 0, [], 0.01 * first.noise
-    )
+    dataclasses.replace(strict, settings=settings).best(some[:2], 0, [], 0.01 * first.noise)
     assert len(searches) == 1
 
 
