@@ -79,7 +79,7 @@ def with_known_gears(
     Empty where the resonance is no wide range that all joints share: of joints with ranges of their
     own few samples have nearly the same gears. `options`: of `Population`.
     """
-    ranges = plants.uncertainty.resonance or ()
+    ranges: tuple[tuple[float, float], ...] = plants.uncertainty.resonance or ()
     if len(ranges) != 1 or ranges[0][1] < SETTINGS.wide * ranges[0][0]:
         return ()
     resonance = plants.values[:, plants.names.index("resonance")]

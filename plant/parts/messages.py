@@ -109,7 +109,7 @@ def progress_bar(total: float | None, label: str, unit: str, shown: bool) -> Ite
             yield moved
         return
     # `disable=None` lets tqdm find out whether standard error is a terminal.
-    options = {"disable": None if shown else True, "leave": False, "unit": unit}
+    options: dict[str, Any] = {"disable": None if shown else True, "leave": False, "unit": unit}
     if total is not None:
         # Of unequal steps the mean rate tells more than that of the last one.
         options |= {"bar_format": _FORMAT, "smoothing": 0, "miniters": 0}
