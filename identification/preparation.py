@@ -117,7 +117,7 @@ def _require_unsaturated(record, labels):
         if oscillations := own_oscillations(record):
             reason = f": its loop oscillates at {oscillations[0]:.3g} Hz"
         if misreading := naming.misread(record, limited=True):
-            correction = f"{misreading[1:]} As it is, "
+            correction = f"{misreading[0]} As it is, "
             advice = "Correct that first."
     raise ValueError(
         f"{correction}a log must be below the amplifier's limit; the motor of {labels[motor]}"

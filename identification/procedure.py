@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from identification.equation_error.excitation import advice, from_prior
-from identification.equation_error.naming import misread
+from identification.equation_error.naming import record_label
 from identification.equation_error.prior import Prior
-from identification.equation_error.restated import restated
+from identification.equation_error.restated import wrong_statements
 from identification.preparation import prepare, with_gears
 from identification.results.diagnostics import Diagnostics
 from identification.results.identification import Identification
@@ -211,10 +211,9 @@ def _identified(problem: Problem, bar: ProgressBar, started: float) -> Identific
         names = problem.dynamics.names
         if fallback is not None and getattr(error, "name", names[0]) in names:
             return fallback
-        # Columns that were misread explain any error.
-        misreading = next(filter(None, map(misread, problem.records)), "")
-        if misreading:
-            raise ValueError(f"{misreading[1:]} Correct that first; as it is, {error}") from error
+        # A wrong statement explains any error.
+        if cause := _likely_cause(problem):
+            raise ValueError(f"{cause} Correct that first; as it is, {error}") from error
         raise
     # A fallback is the result of a rougher method: the model's own bodies may do better.
     if result.fit.fallback_reason is None:
@@ -270,7 +269,7 @@ def _assess(problem: Problem, outcome: Outcome, started: float) -> Identificatio
         raise ValueError(
             f"some candidate must reproduce the experiment; all {outcome.evaluations} diverged or"
             " had no sound inertia. Widen or correct the ranges, and check gains, gears and signs"
-            f" of rig and law, and axes, lengths and gravity of the chain.{_likely_cause(problem)}"
+            " of rig and law, and axes, lengths and gravity of the chain."
         )
 
     # 2. Diagnostics, which can replace the fit by the mean of several, and widen its covariance.
@@ -298,10 +297,13 @@ def _assess(problem: Problem, outcome: Outcome, started: float) -> Identificatio
 
 
 def _likely_cause(problem: Problem) -> str:
-    """The leading contradiction between log and statements, as an end of an error; or none."""
-    record = problem.records[0]
-    signs = (cause.line for cause in restated(problem.dynamics, record))
-    statements = of_statements(record.rig, problem.records, problem.dynamics.chain)
-    # One cause is enough in an error; the generator makes no more.
-    cause = next(itertools.chain(signs, statements), None)
-    return "" if cause is None else f" The log says: {cause}"
+    """The first contradiction between the records and what is stated, as a sentence; or none."""
+    dynamics = problem.dynamics
+    for k, record in enumerate(problem.records):
+        # Short logs refuse a test of what they state.
+        with contextlib.suppress(ValueError):
+            statements = of_statements(record.rig, problem.records, dynamics.chain)
+            for line in itertools.chain(wrong_statements(dynamics, record), statements):
+                label = record_label(problem.records, k)
+                return f"{label}: {line}" if label else line
+    return ""

@@ -6,10 +6,12 @@ The tables and their columns stand in ``docs/guides/campaigns.md``; format 1 is 
 import contextlib
 import csv
 import io
+import itertools
 import json
 import math
 import sqlite3
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -20,6 +22,7 @@ from ctc.campaigns.effects import Effect, effect_of, values_of
 from ctc.campaigns.fleet_page import fleet_page, plot_fleet
 from ctc.campaigns.judgement import Judgement, Logged, judged, logged
 from identification.equation_error.naming import short_names, units
+from identification.equation_error.restated import wrong_statements
 from plant.parts.arguments import instance, known_options, real
 from plant.parts.files import path_of, require_new, write_whole
 from plant.parts.saved import fingerprint, versions
@@ -265,8 +268,14 @@ class Fleet:
             raise ValueError(
                 f"level must be between 0 and 1; got {level:g}. Give a probability, such as 1e-3."
             )
-        log, _ = logged(results, notes)
-        return judged(log, self._before(log, self.parameters()), level)
+        log, source = logged(results, notes)
+        judgement = judged(log, self._before(log, self.parameters()), level)
+        if not judgement.changes:
+            return judgement
+        # A log that is read wrongly looks like another arm.
+        lines = (wrong_statements(source.dynamics, record) for record in source.records)
+        statements = dict.fromkeys(itertools.chain.from_iterable(lines))
+        return replace(judgement, statements=tuple(statements))
 
     def _before(self, log: Logged, rows: Sequence[FleetRow]) -> tuple[Effect, ...]:
         """Effects of all but this log and later ones of its robot; in large fleets, `effects`."""

@@ -12,7 +12,17 @@ from ctc.campaigns.effects import Effect
 from identification import Identification
 from identification.equation_error.torque_fit import TorqueFit
 from plant import Dynamics, Record
-from plant.parts import Floats, Piece, Shown, Table, Verdict, frozen, frozen_settings, real
+from plant.parts import (
+    Floats,
+    Piece,
+    Shown,
+    Table,
+    Verdict,
+    Warned,
+    frozen,
+    frozen_settings,
+    real,
+)
 
 # Advice of two messages: where notes come from.
 _NOTES = (
@@ -195,6 +205,9 @@ class Judgement(Shown):
     level : float
     unknown : str
         Why nothing can be compared; "" otherwise.
+    statements : tuple of str
+        What the log, its rig or its law states wrongly, where something changed: that would explain
+        it, too.
     """
 
     robot: str
@@ -202,6 +215,7 @@ class Judgement(Shown):
     looked: tuple[Change, ...]
     level: float
     unknown: str = ""
+    statements: tuple[str, ...] = ()
 
     @property
     def changes(self) -> tuple[Change, ...]:
@@ -231,6 +245,7 @@ class Judgement(Shown):
         # Neither good nor bad where nothing could be compared.
         good = None if self.unknown else not self.changes
         yield Verdict(f"{self.robot}, {self.day}: {self.verdict}", good)
+        yield Warned(list(self.statements))
         rows = [
             (
                 change.label,

@@ -3,6 +3,7 @@
 import dataclasses
 import shutil
 from argparse import Namespace
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any, cast
 
@@ -30,6 +31,7 @@ from ctc.verdict.evaluations import evaluate
 from identification import Identification, fit_torque, identify
 from identification.results.summary import doubts
 from plant import Dynamics
+from plant.checkup.hypothesis import Cause
 from plant.models.new_robot import MISSING, new_robot_file
 from plant.models.robot_file import FOLDER, read_robot
 from plant.parts.files import write_whole
@@ -39,6 +41,9 @@ from plant.parts.messages import progress_bar
 _COLUMNS = Path(__file__).with_name("columns.toml")
 # Attributes of a finding that the JSON output holds.
 _OF_FINDINGS = ("check", "joint", "value", "unit", "verdict", "advice")
+
+# The same of a cause in the ranked list.
+_OF_CAUSES = ("name", "joints", "size", "unit", "log_odds", "sentence", "remedy")
 
 
 def run_demo(options: Namespace) -> Answer:
@@ -110,6 +115,7 @@ def run_check(options: Namespace) -> Answer:
     # Without a robot file the records hold their own rig.
     robot = None if options.robot is None else read_robot(options.robot)
     data = {}
+    causes = {}
     good = True
     logs, contents = described(options.logs, robot)
     texts = [description.toml() for description in contents]
@@ -123,9 +129,10 @@ def run_check(options: Namespace) -> Answer:
         data[record.name] = [
             finding | {"value": plain_number(finding["value"])} for finding in findings
         ]
+        causes[record.name] = _ranked(checkup.causes)
         # One bad log makes the answer negative.
         good &= checkup.ok
-    answer: dict[str, Any] = {"good": good if logs else None, "logs": data}
+    answer: dict[str, Any] = {"good": good if logs else None, "logs": data, "causes": causes}
     if contents:
         texts.append("Nothing was checked of a log without a mapping.")
         answer["contents"] = {
@@ -188,6 +195,7 @@ def run_fit_torque(options: Namespace) -> Answer:
     }
     texts = [str(fit), *(f"{name}: {error}" for name, error in errors.items())]
     data = {
+        "causes": _ranked(fit.causes),
         "warnings": fit.warnings,
         "values": {
             name: {"value": float(value), "std": plain_number(std)}
@@ -211,6 +219,15 @@ def run_fit_torque(options: Namespace) -> Answer:
     return Answer("\n\n".join(texts), data, not fit.warnings)
 
 
+def _ranked(causes: Iterable[Cause]) -> list[dict[str, Any]]:
+    """The causes of a list, the likeliest first, as JSON."""
+    fields = [{name: getattr(cause, name) for name in _OF_CAUSES} for cause in causes]
+    return [
+        field | {name: plain_number(field[name]) for name in ("size", "log_odds")}
+        for field in fields
+    ]
+
+
 def _identified(identification: Identification) -> dict[str, Any]:
     std = (
         [None] * len(identification.fit.values)
@@ -221,6 +238,7 @@ def _identified(identification: Identification) -> dict[str, Any]:
         "method": identification.search.method,
         "seed": identification.search.seed,
         "doubts": doubts(identification),
+        "causes": _ranked(identification.causes),
         "warnings": list(identification.warnings),
         "values": {
             name: {"value": float(value), "std": plain_number(s)}

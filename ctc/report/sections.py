@@ -172,8 +172,12 @@ def _logs(identification: Any) -> str:
         rows.append((name, use, law, f"{len(record)}", seconds, f"{1e3 * record.rig.period:g}"))
         # Problems in sight; all checks behind a line to unfold.
         checkup = record.check()
-        problems = [
-            f"{problem.check}: {problem.verdict}. {problem.advice}" for problem in checkup.problems
+        # A cause is one line, whatever the number of its findings.
+        causes = [cause.line for cause in checkup.causes]
+        problems = causes + [
+            f"{problem.check}: {problem.verdict}. {problem.advice}"
+            for problem in checkup.problems
+            if problem.advice not in causes
         ]
         if problems:
             parts += [f"<h3>Checkup of {text(name)}</h3>", items(problems)]

@@ -2,7 +2,6 @@
 
 import contextlib
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import replace
 from typing import Any, TypeVar
 
 import numpy as np
@@ -138,30 +137,24 @@ def column_of(record: Record, field: str, joint: int) -> str:
     return "" if column == field else f", {column},"
 
 
-def misread(record: Record, *, limited: bool = False) -> str:
-    """First wrong sign, order, unit or statement by the checkup of a record; "" where none is.
+def misread(record: Record, *, limited: bool = False) -> tuple[str, ...]:
+    """What the checkup of a record calls wrong in its columns, the likeliest first.
 
     With `limited`, units of torque are left out: an amplifier at its limit looks like a wrong unit.
     """
-    checks = [name for name in _MISREAD if not (limited and name == "units of torque")]
-    # Without its name: the caller says which record it speaks of.
-    return first_problem((replace(record, name=""),), checks)
-
-
-def first_problem(records: Sequence[Record], among: Sequence[str] = ()) -> str:
-    """First wrong finding of the records' checkups, as a sentence; "" where there is none."""
-    for k, record in enumerate(records):
-        checkup = record.check()
-        for finding in checkup.problems:
-            if finding.verdict == "wrong" and (not among or finding.check in among):
-                joint = ""
-                if finding.joint is not None:
-                    joint = f" of {checkup.joint_labels[finding.joint]}"
-                # The first wrong finding decides: later ones often follow from it.
-                label = record_label(records, k)
-                label = f"{label}: " if label else ""
-                return f" {label}{finding.check}{joint}: {finding.advice}"
-    return ""
+    checkup = record.check()
+    causes = {cause.line for cause in checkup.causes}
+    lines = []
+    for finding in checkup.problems:
+        if finding.verdict != "wrong" or finding.check not in _MISREAD:
+            continue
+        if limited and finding.check == "units of torque":
+            continue
+        # A cause names its joints itself.
+        joint = "" if finding.joint is None else f" of {checkup.joint_labels[finding.joint]}"
+        prefix = "" if finding.advice in causes else f"{finding.check}{joint}: "
+        lines.append(f"{prefix}{finding.advice}")
+    return tuple(dict.fromkeys(lines))
 
 
 def each_named(records: Sequence[Record]) -> Iterator[tuple[Record, Any]]:

@@ -17,6 +17,7 @@ import numpy as np
 
 from identification.equation_error.filters import derivatives, low_pass
 from identification.equation_error.law_memory import along_log
+from identification.equation_error.naming import misread
 from identification.equation_error.regressor import regressor_along
 from identification.equation_error.torque_logs import TorqueLog, torque_of
 from plant import Dynamics, Record, Rig
@@ -369,6 +370,16 @@ def _same(equation):
 def restated(dynamics: Dynamics, record: Record) -> tuple[Cause, ...]:
     """What a record states wrongly, or nothing."""
     return contradictions(TorqueEquation.of(dynamics, record))
+
+
+def wrong_statements(dynamics: Dynamics, record: Record) -> tuple[str, ...]:
+    """A line for each mistake in a record: first those that its checkup calls wrong.
+
+    With an arm the record is examined without them, so that none is reported twice.
+    """
+    misreadings = misread(record)
+    corrected = record.check().corrected if misreadings else record
+    return (*misreadings, *(cause.line for cause in restated(dynamics, corrected)))
 
 
 def of_log(dynamics: Dynamics, log: TorqueLog, band: float) -> tuple[Cause, ...]:

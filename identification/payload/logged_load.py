@@ -15,6 +15,7 @@ Source: R. T. Birge, The calculation of errors by the method of least squares, P
 (1932).
 """
 
+import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
@@ -25,6 +26,7 @@ from numpy.typing import ArrayLike
 from identification.equation_error.law_memory import along_log
 from identification.equation_error.least_squares import covariance_of
 from identification.equation_error.naming import of_each
+from identification.equation_error.restated import wrong_statements
 from identification.equation_error.torque_fit import TorqueFit
 from identification.equation_error.torque_logs import measured_torque
 from identification.payload.load import Load, birge, warnings_of
@@ -152,7 +154,13 @@ def find_load(
     # All records together determine the load; each alone, its scatter.
     outcome, problem = _followed(arm, records, search, options)
     runs, ratio = _alone(arm, records, search, options)
-    return _assessed(arm, search, outcome, problem, runs, ratio, friction)
+    result = _assessed(arm, search, outcome, problem, runs, ratio, friction)
+    if not result.warnings:
+        return result
+    # A wrong statement of a log explains any warning, but accuses no log that has none.
+    lines = (wrong_statements(arm.dynamics, record) for record in records)
+    statements = dict.fromkeys(itertools.chain.from_iterable(lines))
+    return replace(result, warnings=(*statements, *result.warnings))
 
 
 def _known(source: Identification | TorqueFit | Arm) -> tuple[Arm, Floats]:

@@ -83,9 +83,23 @@ class Optimum:
         variance = (residual**2).sum() / (self.model.weights**2).sum()
         return float(variance * variance_inflation(residual))
 
+    def evidence_unit(self, residual: Floats) -> float:
+        """The same for the evidence of a cause: an error of the model repeats along a motion.
+
+        So what is not rounding counts for a limited number of independent errors, however many
+        samples a log has.
+        """
+        rounding = 0.0
+        if not self.model.records[0].rig.encoder.smooth:
+            variance = 1 / 12  # of a count, uniform within one pulse [pulses^2]
+            rounding = variance * float((self.model.weights**2).sum())
+        beyond = max(0.0, float((residual**2).sum()) - rounding)
+        return self.unit(residual) + beyond / TRIALS.independent
+
     def chi_square(self, residual: Floats) -> float:
         """Decrease of the sum of squares from here to another residual (M,), in its unit."""
-        return float(((self.before**2).sum() - (residual**2).sum()) / self.unit(residual))
+        decrease = float((self.before**2).sum() - (residual**2).sum())
+        return decrease / self.evidence_unit(residual)
 
 
 def nearest(model: Extended, vectors: Sequence[Floats] | Floats) -> Floats:
@@ -186,7 +200,7 @@ def fitted(
 
 @frozen_settings
 class TrialSettings:
-    """Values of compliance and backlash that are tried; all are chosen by hand.
+    """Values of compliance and backlash that are tried, and their evidence; chosen by hand.
 
     Parameters
     ----------
@@ -202,6 +216,8 @@ class TrialSettings:
         Resonance of a gear with backlash that is rigid otherwise [Hz].
     at_once : int
         Trials that are simulated together.
+    independent : float
+        Independent errors that a model has along a log, at most.
     """
 
     resonances: tuple[float, float] = (15.0, 250.0)
@@ -210,6 +226,7 @@ class TrialSettings:
     widths: tuple[int, ...] = (1, 2, 4, 8, 16)
     contact: float = 300.0
     at_once: int = 16
+    independent: float = 3000.0
 
 
 TRIALS = TrialSettings()
@@ -275,7 +292,7 @@ def _tried(at, tried):
             vector[at.model.place(name)] = value
         vectors.append(vector)
     initial = at.before
-    unit = at.unit(initial)
+    unit = at.evidence_unit(initial)
     trials = []
     # In blocks: the innovations of all trials of a long log would not fit into memory.
     for begin in range(0, len(vectors), TRIALS.at_once):

@@ -1,4 +1,4 @@
-"""Torques along a log that its model may lack: cogging of the motors, derivative action of a law.
+"""Torques along a log that its model may lack: cogging, changing friction, the rate of an error.
 
 Each is known along the log except for its size, and the innovations change in proportion to that.
 Of wide backlash only the instants at which it acts are known.
@@ -60,6 +60,25 @@ def lead(at: Optimum) -> dict[str, list[Floats]]:
         rates.append(0 * record.counts if commanded is None else smoothed(record, commanded).qd)
     return {
         f"lead[{i}]": [rate * joint for rate in rates]
+        for i, joint in enumerate(np.eye(at.model.dynamics.n))
+    }
+
+
+def drift(at: Optimum) -> dict[str, list[Floats]]:
+    """Torques (N, n) [N m] along each record per relative change of each motor's stated friction.
+
+    From half of it less to half of it more, linearly from the beginning of a record to its end.
+    """
+    frictions = []
+    for record in at.model.records:
+        drive = record.rig.drive
+        motion = smoothed(record, record.rig.cell_centre(record.counts))
+        speed = np.array([drive.motor_angle(row) for row in motion.qd])
+        stated = drive.viscous * speed + drive.coulomb * np.sign(speed)
+        change = np.linspace(-0.5, 0.5, len(speed))[:, None]
+        frictions.append(np.array([drive.joint_torque(row) for row in -change * stated]))
+    return {
+        f"drift[{i}]": [friction * joint for friction in frictions]
         for i, joint in enumerate(np.eye(at.model.dynamics.n))
     }
 

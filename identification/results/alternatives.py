@@ -2,11 +2,13 @@
 
 The effect of a number that is zero in the model, projected off the effects of the fitted unknowns,
 is a direction in which the innovations of a right model lie by chance alone. The sum of squares
-along it, in units of their variance (inflated by their autocorrelation), is a chi-square. Effects
-that are not linear are tried at several sizes (`identification.replay.optimum`).
+along it, in units of their variance, is a chi-square. Its log odds are half of what exceeds a
+threshold, which follows from the odds against the cause and from its prior sizes. Effects that are
+not linear are tried at several sizes (`identification.replay.optimum`).
 
 Source: R. F. Engle, Wald, likelihood ratio, and Lagrange multiplier tests in econometrics, Handbook
-of Econometrics II, 1984, ch. 13.
+of Econometrics II, 1984, ch. 13; R. E. Kass, A. E. Raftery, Bayes factors, J. Am. Stat. Assoc. 90,
+1995.
 """
 
 import math
@@ -21,7 +23,6 @@ from identification.replay.extended import Number, joint_of, kind_of
 from identification.replay.optimum import Optimum, Trial, backlash, compliance
 from identification.results.along_log import at_reversals
 from identification.results.assumed import SHARE, longer
-from plant.checkup.hypothesis import log_odds
 from plant.compiler.background import shared_out
 from plant.parts.fields import Floats
 from plant.parts.frozen import Frozen, frozen
@@ -31,7 +32,7 @@ from plant.parts.shown import Piece, Shown, Verdict
 
 @dataclass(frozen=True, kw_only=True)
 class ScoreTestSettings:
-    """Sizes and thresholds of the score tests.
+    """Sizes of the score tests.
 
     The values were chosen by hand. They are held by ``tests/benchmarks/detection.py`` (the cause
     that comes first, by robot), ``silent_mistakes.py`` (nine mistakes, each reported in 10 of 10
@@ -39,8 +40,9 @@ class ScoreTestSettings:
 
     Parameters
     ----------
-    by_chance : float
-        Probability with which a right model exceeds the threshold of one test.
+    wide : float
+        Standard deviation of a number without a stated one before the log is read, in those with
+        which the log determines it.
     delay : float
         Delay of the counts [samples] whose effect is taken.
     shortest, longest : float
@@ -49,7 +51,7 @@ class ScoreTestSettings:
     reversal_samples : int
         Samples at which a load changes sign that the test of reversals needs.
     reversal_ratio : float
-        Ratio of the mean squared innovations there to those elsewhere above which the model fails.
+        Ratio of the mean squared innovations there to those elsewhere that a right model may have.
     unexplained : float
         Share of an effect that must remain beside those of the unknowns, so that it is tested.
     absorbed : float
@@ -59,7 +61,7 @@ class ScoreTestSettings:
         its value.
     """
 
-    by_chance: float = 1e-5
+    wide: float = 10.0
     delay: float = 0.05
     shortest: float = 0.05
     longest: float = 0.5
@@ -84,7 +86,7 @@ class ArmHypothesis:
         Of the cause, "gear".
     sentence, remedy : str
         What is wrong, and what a user does about it. Their fields: `{each}`, the sizes by joint;
-        `{chance}`, the evidence; `{value}`, the first size in the unit of the model; `{scaled}`,
+        `{value}`, the first size in the unit of the model; `{scaled}`,
         a common factor of all sizes; `{joint}`, `{size}` of a cause with a line per joint;
         `{freedom}`, `{chi_square}`, `{threshold}`.
     telling : str
@@ -120,15 +122,14 @@ class ArmHypothesis:
         Natural logarithm of the odds against it before the log is read.
     spread : float
         Standard deviation of its sizes where it holds, in the unit of its numbers, or of `scale`.
-        A log that determines a size much better costs evidence (Occam's factor); without one, the
-        threshold of chance stands for that.
+        A log that determines a size much better costs evidence (Occam's factor).
     scale : callable, optional
         As of a `Number`, for numbers of a torque along the log.
     timing : bool
         Whether it shifts the log in time. Two of these are not told apart, and straight lines
         through counts lag by half a pulse: along them they are not tested.
     suspected : bool
-        Whether it is tested only where another effect is half significant: it takes time.
+        Whether it is tested only where another effect is a third of its threshold: it takes time.
     gears : bool
         Whether each gear can have it once more; other causes do not follow it.
     shares : bool
@@ -138,7 +139,7 @@ class ArmHypothesis:
     shown : callable
         ``shown(sign)`` gives the sizes that a message has, by name.
     test : callable
-        ``test(hypothesis, at, effects)`` yields the `Sign` of an optimum.
+        ``test(hypothesis, point)`` yields the `Sign` of a `Point`.
     refit : callable, optional
         ``refit(hypothesis, point, sign)`` fits the model with this cause; without one it is no
         number of a model.
@@ -161,7 +162,7 @@ class ArmHypothesis:
     signed: bool = False
     least_samples: float = 0.0
     choices: int = 1
-    against: float = 4.6
+    against: float = 6.0
     spread: float = 0.0
     scale: Callable[[Floats, Floats], Floats] | None = None
     timing: bool = False
@@ -178,18 +179,62 @@ class ArmHypothesis:
         kinds = [kind.name for kind in self.numbers]
         return kind_of(number) in (self.prefix or self.name, *kinds)
 
-    def log_odds(self, sign: "Sign", efforts: Floats) -> float:
-        """Log odds for this cause with the sizes of a sign, against none; `efforts`: as above."""
+    def threshold(
+        self, rows: _Effects, residual: Floats, unit: float, efforts: Floats, choices: float = 1.0
+    ) -> float:
+        """Chi-square at which the odds for some numbers are even.
+
+        `rows`: effect (M,) of each beside the unknowns, by name. `residual` (M,): without them;
+        `unit`: its variance with them. `efforts`: as of a `Number`; `choices`: of which these
+        numbers are the best.
+        """
         kinds = {number.name: number for number in self.numbers}
-        occam = self.against + math.log(self.choices) * sign.freedom / 2
-        for name, visible in sign.visible.items():
-            number = kinds.get(kind_of(name)) or Number(name=name, place="", scale=self.scale)
-            spread = number.size(self.spread, name, efforts)
-            # Visible is the size at which chi-square is at its threshold.
-            occam += 0.5 * math.log1p(spread**2 * sign.threshold / visible**2)
-        if not self.spread:
-            occam = sign.threshold / 2
-        return log_odds(sign.chi_square, against=occam)
+        numbers = {name: kinds.get(kind_of(name)) or self._along_log for name in rows}
+        # Effects of the prior sizes, in units of what remains.
+        scaled = np.array(
+            [numbers[name].size(self.spread, name, efforts) * rows[name] for name in rows]
+        ) / math.sqrt(unit)
+        precisions, axes = np.linalg.eigh(scaled @ scaled.T)
+        precisions = np.maximum(precisions, 1e-12)  # rounding can make zero negative
+        explained = (axes.T @ (scaled @ residual)) ** 2 / precisions
+        # A pair has one number more, such as the cycles per turn of a cosine and a sine.
+        return self._even(precisions, explained, choices * self.choices ** (len(rows) / 2))
+
+    def threshold_of(self, freedom: int) -> float:
+        """The same of numbers without a prior size."""
+        return self._even(np.full(freedom, SETTINGS.wide**2), np.ones(freedom), 1.0)
+
+    def _even(self, precisions: Floats, explained: Floats, choices: float) -> float:
+        """Even odds, from squares of prior sizes in units of those that the log determines."""
+        occam = 0.5 * float(np.log1p(precisions).sum()) + math.log(choices)
+        # A prior narrower than the likelihood explains a part of a chi-square only.
+        explicable = np.average(precisions / (1 + precisions), weights=explained + 1e-300)
+        return 2 * (self.against + occam) / float(explicable)
+
+    @property
+    def _along_log(self) -> Number:
+        """The kind of a number that is a torque along the log."""
+        return Number(name=self.name, place="", scale=self.scale)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Point:
+    """The optimum beside which causes are tested.
+
+    `step` (m,), `bounds` (m, 2): of its values. `effects`: change of the innovations (M,) with each
+    number that the rig leaves out; `testable`: of those that this log can show. `torques`: along
+    the log, of numbers that act as one. `efforts` (2, n): torque and speed of each motor (rms).
+    `causes`: those that it has, as accepted.
+    """
+
+    at: Optimum
+    step: Floats
+    bounds: Floats
+    effects: _Effects
+    testable: _Effects
+    torques: Mapping[str, Sequence[Floats]]
+    efforts: Floats
+    causes: tuple["Sign", ...] = ()
 
 
 @kept
@@ -204,11 +249,12 @@ class Sign(Shown, Frozen):
         "cogging", "length" of a link, "lead" of a law's torque, "reversals" of the load, or
         "disagreement": of the records with each other.
     chi_square : float
-        Decrease of the sum of squared innovations with it, in units of their (inflated) variance.
+        Decrease of the sum of squared innovations with it, in units of their variance, which counts
+        that they are not independent.
     freedom : int
-        Mean chi-square of a log without this effect.
+        Numbers of the effect.
     threshold : float
-        Chi-square above which it is significant.
+        Chi-square at which the odds for it are even: above, it is significant.
     explained : float
         Decrease of the sum of squared innovations [pulses^2].
     values : dict
@@ -217,8 +263,6 @@ class Sign(Shown, Frozen):
         Smallest value of each that this log would show, in the same units.
     rivals : tuple of str
         Alternatives that explain nearly as much.
-    log_odds : float
-        Natural logarithm of the odds for this effect against none; NaN of one not selected.
     others : tuple of (str, float)
         The effects that come next, and their log odds.
     absorbing : tuple of str
@@ -235,17 +279,21 @@ class Sign(Shown, Frozen):
     visible: dict[str, float]
     rivals: tuple[str, ...] = ()
     absorbing: tuple[str, ...] = ()
-    log_odds: float = math.nan
     others: tuple[tuple[str, float], ...] = ()
 
     @property
+    def log_odds(self) -> float:
+        """Natural logarithm of the odds for this effect against none."""
+        return (self.chi_square - self.threshold) / 2
+
+    @property
     def significant(self) -> bool:
-        """Whether chi-square is above its threshold."""
-        return bool(self.chi_square > self.threshold)
+        """Whether the odds are for it."""
+        return self.log_odds > 0
 
     def _short(self) -> str:
         return (
-            f"{self.name}, chi-square {self.chi_square:.0f} of {self.freedom}, by chance below"
+            f"{self.name}, chi-square {self.chi_square:.0f} of {self.freedom}, even odds at"
             f" {self.threshold:.0f}"
         )
 
@@ -286,22 +334,20 @@ def effect_of_delay(at: Optimum) -> Floats:
     return (at.innovations - later) / SETTINGS.delay
 
 
-def _threshold(freedom: int, choices: float = 1.0) -> float:
-    """Chi-square that a right model exceeds by chance, as the best of so many choices."""
-    from scipy.special import chdtri
-
-    # The best of several tests exceeds a threshold as often as all of them together.
-    return float(chdtri(freedom, SETTINGS.by_chance / choices))
-
-
 def linear(
-    hypothesis: ArmHypothesis, at: Optimum, effects: _Effects, choices: float = 1.0
+    hypothesis: ArmHypothesis,
+    point: Point,
+    effects: _Effects | None = None,
+    choices: float = 1.0,
 ) -> Iterator[Sign]:
     """The score test of numbers that act linearly, as the best of so many choices.
 
-    Yields nothing if the effects can hardly be distinguished from those of the unknowns.
+    `effects`: of the numbers, by default those of the point. Yields nothing if the effects can
+    hardly be distinguished from those of the unknowns.
     """
     # 1. The part of each effect that the unknowns cannot take over.
+    at = point.at
+    effects = point.testable if effects is None else effects
     changes = {number: row for number, row in effects.items() if hypothesis.has(number)}
     rows = {number: at.left(change) for number, change in changes.items()}
     rows = {
@@ -313,17 +359,11 @@ def linear(
         return
     residual = at.before
     freedom = len(rows)
-    # A pair has one number more, such as the cycles per turn of a cosine and a sine.
-    choices *= hypothesis.choices ** (freedom / 2)
-    # 2. The significant sum of squares, and the size of each number that would explain it alone.
-    limit = _threshold(freedom, choices) * at.unit(residual)
     lowest = hypothesis.least_samples * at.model.records[0].rig.period
-    visible = {
-        number: max(lowest, float(np.sqrt(limit / (row**2).sum()))) for number, row in rows.items()
-    }
+    tested = rows
     remaining = residual
     size = np.empty(0)
-    # 3. Least squares. Numbers below the lowest sensible value are left out, and the rest is fitted
+    # 2. Least squares. Numbers below the lowest sensible value are left out, and the rest is fitted
     # again.
     while rows:
         matrix = np.array(list(rows.values()))
@@ -340,7 +380,14 @@ def linear(
         remaining = residual
     # No number is left if none came out positive: then nothing is explained.
     values = dict(zip(rows, size.tolist(), strict=False))
-    sign = _sign(at, hypothesis.name, freedom, remaining, values, visible, choices)
+    # 3. The sum of squares at even odds, and the size of each number that would explain it alone.
+    unit = at.evidence_unit(remaining)
+    threshold = hypothesis.threshold(tested, residual, unit, point.efforts, choices)
+    visible = {
+        number: max(lowest, float(np.sqrt(threshold * unit / (row**2).sum())))
+        for number, row in tested.items()
+    }
+    sign = _sign(at, hypothesis.name, freedom, remaining, threshold, values, visible)
     yield replace(sign, absorbing=_absorbing(at, changes, values))
 
 
@@ -364,27 +411,28 @@ def _sign(
     name: str,
     freedom: int,
     remaining: Floats,
+    threshold: float,
     values: dict[str, float],
     visible: dict[str, float],
-    choices: float = 1.0,
 ) -> Sign:
     """The test of an alternative beside which so much (M,) of the innovations remains."""
     return Sign(
         name=name,
         chi_square=at.chi_square(remaining),
         freedom=freedom,
-        threshold=_threshold(freedom, choices),
+        threshold=threshold,
         explained=float((at.before**2).sum() - (remaining**2).sum()),
         values=values,
         visible=visible,
     )
 
 
-def elastic(hypothesis: ArmHypothesis, at: Optimum, effects: _Effects) -> Iterator[Sign]:
+def elastic(hypothesis: ArmHypothesis, point: Point) -> Iterator[Sign]:
     """Of compliance the score test, or the trial of a resonance that explains more."""
+    at = point.at
     # A resonance above half of the sampling rate would not show, whatever the innovations are.
     smallest = (2 * max(record.rig.period for record in at.model.records)) ** 2
-    for sign in linear(hypothesis, at, effects):
+    for sign in linear(hypothesis, point):
         # Far from rigid, the effect of a spring is not that of the linear estimate.
         best = max(compliance(at), key=lambda trial: trial.chi_square)
         visible = {name: max(value, smallest) for name, value in sign.visible.items()}
@@ -397,14 +445,15 @@ def elastic(hypothesis: ArmHypothesis, at: Optimum, effects: _Effects) -> Iterat
             )
 
 
-def playing(hypothesis: ArmHypothesis, at: Optimum, effects: _Effects) -> Iterator[Sign]:
+def playing(hypothesis: ArmHypothesis, point: Point) -> Iterator[Sign]:
     """The best trial of backlash; visible is the narrowest detectable width of each joint."""
+    at = point.at
     # Teeth touch through springs.
     if not any(number.gives for number in at.model.kinds.values()):
         return
     trials = backlash(at)
     freedom = 2  # the width of one gear, and its compliance
-    threshold = _threshold(freedom)
+    threshold = hypothesis.threshold_of(freedom)
     visible = dict[str, float]()
     for trial in trials:
         for name, value in trial.values.items():
@@ -423,8 +472,9 @@ def playing(hypothesis: ArmHypothesis, at: Optimum, effects: _Effects) -> Iterat
     )
 
 
-def lengths(hypothesis: ArmHypothesis, at: Optimum, effects: _Effects) -> Iterator[Sign]:
+def lengths(hypothesis: ArmHypothesis, point: Point) -> Iterator[Sign]:
     """The sign of the one length that explains most."""
+    at = point.at
     # Lengths of the first link place the base: they do not act.
     names = [name for name in longer(at.model.dynamics) if joint_of(name)]
     # Each needs its own model, so they run on all cores.
@@ -433,7 +483,7 @@ def lengths(hypothesis: ArmHypothesis, at: Optimum, effects: _Effects) -> Iterat
     plausible = [
         sign
         for name, row in acting.items()
-        for sign in linear(hypothesis, at, {name: row}, len(acting))
+        for sign in linear(hypothesis, point, {name: row}, len(acting))
         if SETTINGS.shortest <= abs(*sign.values.values()) <= SETTINGS.longest
     ]
     # Lengths are nearly one thing for the log: at most one is reported.
@@ -447,36 +497,38 @@ def effect_of_length(at: Optimum, name: str) -> Floats:
     return (longer_model.innovations(at.values) - at.innovations) / SHARE
 
 
-def untested(hypothesis: ArmHypothesis, at: Optimum, effects: _Effects) -> Iterator[Sign]:
+def untested(hypothesis: ArmHypothesis, point: Point) -> Iterator[Sign]:
     """No test: the intervals count the tolerance of its numbers, and results their effects."""
     yield from ()
 
 
-def reversals(hypothesis: ArmHypothesis, at: Optimum, effects: _Effects) -> Iterator[Sign]:
+def reversals(hypothesis: ArmHypothesis, point: Point) -> Iterator[Sign]:
     """Whether the model fails where loads change sign, as with wide backlash; the worst joint."""
     # Mean squares, as the samples near a reversal are few.
     ratios = [
         ((crossing**2).mean() / (elsewhere**2).mean(), i, crossing)
-        for i, crossing, elsewhere in at_reversals(at)
+        for i, crossing, elsewhere in at_reversals(point.at)
         if min(len(crossing), len(elsewhere)) > SETTINGS.reversal_samples and elsewhere.any()
     ]
     if not ratios:
         return
     ratio, i, crossing = max(ratios, key=lambda item: item[0])
+    # Beyond what a right model may have there.
+    explained = float((crossing**2).sum() * (1 - SETTINGS.reversal_ratio / ratio))
     yield Sign(
         name=hypothesis.name,
-        # As if the innovations were independent, with the variance of those elsewhere.
-        chi_square=ratio * len(crossing),
-        freedom=len(crossing),
-        threshold=SETTINGS.reversal_ratio * len(crossing),
-        explained=(crossing**2).sum() * (1 - 1 / ratio),
+        chi_square=explained / point.at.evidence_unit(point.at.before),
+        freedom=1,
+        threshold=hypothesis.threshold_of(1),
+        explained=explained,
         values={f"{hypothesis.name}[{i}]": ratio},
         visible={},
     )
 
 
-def disagreement(hypothesis: ArmHypothesis, at: Optimum, effects: _Effects) -> Iterator[Sign]:
+def disagreement(hypothesis: ArmHypothesis, point: Point) -> Iterator[Sign]:
     """Whether each record alone would have other values of the unknowns."""
+    at = point.at
     records = at.model.runs()
     # A single record agrees with itself.
     if len(records) < 2:
@@ -490,4 +542,5 @@ def disagreement(hypothesis: ArmHypothesis, at: Optimum, effects: _Effects) -> I
     matrix = np.array(rows)
     basis = directions(matrix)
     remaining = at.before - np.einsum("i,im->m", along(basis, matrix, at.before), matrix)
-    yield _sign(at, hypothesis.name, len(basis), remaining, {}, {})
+    threshold = hypothesis.threshold_of(len(basis))
+    yield _sign(at, hypothesis.name, len(basis), remaining, threshold, {}, {})

@@ -54,9 +54,6 @@ _MEAN = (
 )
 
 
-_CERTAIN = 99.0  # power of ten of odds beyond which a text says no more
-
-
 @kept
 @frozen
 class Detection(Shown, Frozen):
@@ -214,10 +211,8 @@ class Detection(Shown, Frozen):
         hypothesis = BY_NAME[sign.name]
         sizes = list(self._sizes(sign))
         each = hypothesis.between.join(hypothesis.each.format(**size) for size in sizes)
-        following = "".join(f"; next: {name}, {power_of(odds)}" for name, odds in sign.others[:1])
         fields = {
             "each": each or "some resonance",
-            "chance": f"odds {power_of(sign.log_odds)}{following}",
             "value": next(iter(sign.values.values()), 0.0),
             "scaled": self._scaled(sign),
             "mean": (
@@ -241,7 +236,7 @@ class Detection(Shown, Frozen):
             sentence += ", which biases f"
         if sign.rivals:
             remedy += f". To tell causes apart, {hypothesis.telling or 'log another motion'}"
-        odds = dict(sign.others)
+        others = {name: Rival(name, (), 0.0, odds) for name, odds in sign.others}
         joints = tuple(joint_of(name) for name in hypothesis.shown(sign) if "[" in name)
         for i, size in enumerate(sizes if hypothesis.gears else [sizes[0] if sizes else {}]):
             yield Cause(
@@ -252,7 +247,8 @@ class Detection(Shown, Frozen):
                 log_odds=sign.log_odds,
                 sentence=sentence.format(**fields | size),
                 remedy=remedy.format(**fields | size),
-                rivals=tuple(Rival(name, (), 0.0, odds.get(name, 0.0)) for name in sign.rivals),
+                rivals=tuple(others.get(name, Rival(name, (), 0.0, 0.0)) for name in sign.rivals),
+                runner_up=next(iter(others.values()), None),
             )
 
     def _sizes(self, sign: Sign) -> Iterator[dict[str, Any]]:
@@ -328,12 +324,6 @@ class Detection(Shown, Frozen):
     def _joint(self, name: str) -> str:
         """Joint of a number such as ``gear[1]``."""
         return self.joints[joint_of(name)]
-
-
-def power_of(log_odds: float) -> str:
-    """Odds as a power of ten, from their natural logarithm; no more than 1e99."""
-    # An infinite chi-square is that of a cause which another test suggests.
-    return f"1e{np.nan_to_num(min(log_odds / np.log(10), _CERTAIN)):.0f}"
 
 
 def _span(values: list[float]) -> str:

@@ -1,6 +1,7 @@
 """`find_gears`: stiffness and damping of gears that have an encoder on either side."""
 
 import dataclasses
+import itertools
 from collections.abc import Iterable, Iterator, Sequence
 from typing import Any, Self
 
@@ -10,6 +11,7 @@ from identification.equation_error.between_runs import BetweenRuns
 from identification.equation_error.naming import each_named, record_label
 from identification.equation_error.prior import Known, Prior
 from identification.equation_error.pulse_fit import fit_systems, pass_band, path_in
+from identification.equation_error.restated import wrong_statements
 from identification.equation_error.torque_logs import evened
 from identification.equation_error.two_encoders import Deflections, Wound, fit_wound
 from identification.results.identification import Identification, covariance_of_f
@@ -260,7 +262,7 @@ def find_gears(
     if len(against):
         raise ValueError(
             f"a gear must give way to its torque; that of {labels[against[0]]} turns against it."
-            " Check signs of its two encoders, their order, and gravity."
+            f" Check signs of its two encoders, their order, and gravity.{_likely(dynamics, seen)}"
         )
     stated = rig.drive.elasticity
     gears = tuple(Gears.of(run, labels, stated) for run in runs)
@@ -323,7 +325,14 @@ def _require_torques(dynamics: Dynamics, seen: Sequence[Deflections], f: Floats)
         warn(
             f"find_gears: f and friction leave {error:.0%} of the logged torques, and stiffness is"
             " off by as much. Pass the arm of these logs, or dynamics alone, which finds it."
+            f"{_likely(dynamics, logged)}"
         )
+
+
+def _likely(dynamics: Dynamics, seen: Sequence[Deflections]) -> str:
+    """The first wrong statement of the records, as the end of a message; or none."""
+    lines = (wrong_statements(dynamics, deflections.record) for deflections in seen)
+    return "".join(f" {line}" for line in itertools.islice(itertools.chain.from_iterable(lines), 1))
 
 
 def _from_torques(

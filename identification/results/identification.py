@@ -265,12 +265,18 @@ class Identification(Shown, Saved, Frozen):
     def causes(self) -> tuple[Cause, ...]:
         """What contradicts the first record, its rig or its law, the likeliest first.
 
-        Mistakes in columns and gravity, whatever f is; then effects that the rig does not model.
+        Mistakes in columns, then in signs and gravity, whatever f is; then effects that the rig
+        does not model.
         """
-        return (
-            *restated(self.arm.dynamics, self.records[0]),
-            *self.diagnostics.detection.causes,
-        )
+        record = self.records[0]
+        of_log: tuple[Cause, ...] = ()
+        # A checkup takes time, and accuses no log that nothing else doubts.
+        if self.warnings:
+            checkup = record.check()
+            of_log = tuple(cause for cause in checkup.causes if cause.line in self.warnings)
+            record = checkup.corrected if of_log else record
+        stated = restated(self.arm.dynamics, record)
+        return (*of_log, *stated, *self.diagnostics.detection.causes)
 
     @property
     def corrected(self) -> tuple[Record, ...]:

@@ -4,7 +4,6 @@ A change of a length is taken over by f almost completely, and the rest is less 
 torque along a smoothed motion. So each length needs a loop of its own.
 """
 
-from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -13,6 +12,7 @@ import numpy as np
 from identification.replay.optimum import Optimum, fitted
 from identification.results.alternatives import (
     ArmHypothesis,
+    Point,
     Sign,
     effect_of_delay,
     effect_of_length,
@@ -64,21 +64,6 @@ class RefitSettings:
 SETTINGS = RefitSettings()
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Point:
-    """The optimum beside which causes are tested.
-
-    `step` (m,), `bounds` (m, 2): of its values. `effects`: change of the innovations (M,) with each
-    number that the rig leaves out. `torques`: those that act as a torque along the log.
-    """
-
-    at: Optimum
-    step: Floats
-    bounds: Floats
-    effects: Mapping[str, Floats]
-    torques: Mapping[str, Sequence[Floats]]
-
-
 class Refit(NamedTuple):
     """A model with one more cause, fitted: its sign, optimum, and steps (m,) of the unknowns."""
 
@@ -95,7 +80,8 @@ def compared(
     # A gear with backlash moves in and out of contact: the fit may end beside its own trial.
     if hypothesis.gears:
         explained = max(explained, sign.explained)
-    sign = replace(sign, explained=explained, chi_square=explained / at.unit(at.innovations))
+    chi_square = explained / at.evidence_unit(at.innovations)
+    sign = replace(sign, explained=explained, chi_square=chi_square)
     return Refit(sign, at, step)
 
 
@@ -196,7 +182,8 @@ def lengthened(hypothesis: ArmHypothesis, point: Point, sign: Sign) -> Refit | N
             trials.append(compared(hypothesis, point, trial, optimum, point.step))
             effect = effect_of_length(optimum, name)
             still_missing = sum(
-                estimate.values[name] for estimate in linear(hypothesis, optimum, {name: effect})
+                estimate.values[name]
+                for estimate in linear(hypothesis, replace(point, at=optimum), {name: effect})
             )
             # A flat secant would step far away: its slope is limited.
             slope = min((still_missing - missing) / (share - previous), -SETTINGS.steepness)
@@ -227,7 +214,8 @@ def in_time(hypothesis: ArmHypothesis, point: Point, sign: Sign) -> Refit | None
             return None
         effect = effect_of_delay(optimum)
         if np.isfinite(effect).all():
-            estimate = next(linear(hypothesis, optimum, {hypothesis.name: effect}), estimate)
+            beside = replace(point, at=optimum)
+            estimate = next(linear(hypothesis, beside, {hypothesis.name: effect}), estimate)
     return compared(
         hypothesis, point, replace(estimate, values={hypothesis.name: delay}), optimum, point.step
     )

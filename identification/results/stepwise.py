@@ -1,4 +1,4 @@
-"""Forward selection of the causes that contradict a model: fit the strongest, test all again."""
+"""Forward selection of the causes that contradict a model: accept the likeliest, test all again."""
 
 from dataclasses import dataclass, replace
 
@@ -17,12 +17,14 @@ from identification.search.memory import as_tested
 from identification.search.outcome import Fit, Outcome
 from identification.search.polish import start_of_fit, torque_fit
 from identification.search.problem import Problem, in_parts, rows_of_parts
+from plant.checkup.hypothesis import Candidate, SelectionSettings, beside, select
+from plant.parts.fields import Floats
 from plant.simulation.followed_path import is_rounded
 
 
 @dataclass(frozen=True, kw_only=True)
 class StepwiseSettings:
-    """Thresholds of the forward selection.
+    """Steps and economies of the forward selection; log odds alone select.
 
     The values were chosen by hand. They are held by ``tests/benchmarks/detection.py`` (the cause
     that comes first, by robot), ``second_reading.py causes`` (three laws) and ``healthy.py`` (0 of
@@ -30,45 +32,32 @@ class StepwiseSettings:
 
     Parameters
     ----------
-    causes : int
-        Causes that are reported of one log, at most.
-    explained : float
-        Share of the sum of squares beyond rounding that a reported cause must explain.
     faint : float
         Share of the sum of squares below which a cause may be an error of integration: then all is
         tested again with `fine_steps`.
     fine_steps : int
         Steps per sample of that second test.
-    following : float
-        Factor of the threshold of a cause that is tested beside a reported one, because the
-        innovations that remain are not all due to chance.
-    fitted : float
-        Share of the best first estimate from which on a cause is fitted.
-    as_good : float
-        Share of the best fit from which on a cause with fewer numbers is preferred.
+    promising : float
+        Share of what the best first estimate explains from which on a cause is fitted: fits take
+        time.
     step : float
         Step of the central differences of an unknown, in its standard deviations.
     minor : float
         Share of its tolerance below which a cause widens the intervals and gives no warning (see
         ``docs/background/intervals.md``).
-    apart : float
-        Factor by which the values of each record alone must explain more than any single cause, so
-        that the disagreement of the records is all that is reported.
     """
 
-    causes: int = 3
-    explained: float = 0.03
     faint: float = 0.02
     fine_steps: int = 16
-    following: float = 2.0
-    fitted: float = 0.2
-    as_good: float = 0.9
+    promising: float = 0.2
     step: float = 0.05
     minor: float = 0.3
-    apart: float = 2.0
 
 
 SETTINGS = StepwiseSettings()
+
+# No model is exact: what one cause leaves looks like a twentieth of another. Chosen by hand.
+SELECTION = SelectionSettings(traces=0.05)
 
 
 def detect(problem: Problem, fit: Fit, outcome: Outcome, delay: float = 0.0) -> Detection:
@@ -110,31 +99,52 @@ def detect(problem: Problem, fit: Fit, outcome: Outcome, delay: float = 0.0) -> 
     return replace(detection, grouped=grouped, between=between)
 
 
-def tested(point: Point, testable: set[str]) -> list[Sign]:
-    """The signs of all hypotheses at a point, from the effects of the numbers of these names."""
+def tested(point: Point) -> list[Sign]:
+    """The signs of all hypotheses at a point."""
     rounded = any(map(is_rounded, point.at.model.records))
-    # A number whose effect diverges cannot be tested.
-    effects = {
-        name: row
-        for name, row in point.effects.items()
-        if name in testable and np.isfinite(row).all()
-    }
     signs: list[Sign] = []
     for hypothesis in HYPOTHESES:
         if hypothesis.timing and rounded:
             continue
         # Lengths come last: f takes them over almost completely.
-        if hypothesis.suspected and not any(2 * sign.chi_square > sign.threshold for sign in signs):
+        if hypothesis.suspected and not any(3 * sign.chi_square > sign.threshold for sign in signs):
             continue
-        signs += (hypothesis.test or linear)(hypothesis, point.at, effects)
+        signs += (hypothesis.test or linear)(hypothesis, point)
     return signs
 
 
-class _Search:
-    """The optimum of the model with the causes reported so far.
+@dataclass(frozen=True)
+class _Accepted:
+    """A cause beside those of a point, with the model, values and steps of its fit."""
 
-    `point`: this optimum. `least`: sum of squares that a reported cause must explain [pulses^2].
-    `faint`: whether the result may be an error of integration.
+    search: "_Search"
+    point: Point
+    sign: Sign
+    fit: tuple[Extended, Floats, Floats] | None = None
+
+    def __call__(self) -> Point:
+        """The point with this cause."""
+        if self.fit is None:
+            return replace(self.point, causes=(*self.point.causes, self.sign))
+        model, values, step = self.fit
+        # Trial fits use sensitivities of the previous optimum; this one takes its own.
+        optimum = fitted(model, values, step, self.point.bounds)
+        hypothesis = BY_NAME[self.sign.name]
+        adopted = compared(hypothesis, self.point, self.sign, optimum, step)
+        return self.search.point_at(
+            optimum, step, self.point.bounds, (*self.point.causes, adopted.sign)
+        )
+
+    @property
+    def candidate(self) -> Candidate:
+        """The same for the selection."""
+        return Candidate(BY_NAME[self.sign.name], (), 0.0, self.sign.log_odds, self)
+
+
+class _Search:
+    """The optimum of the model with the causes accepted so far.
+
+    `point`: this optimum. `faint`: whether the result may be an error of integration.
     """
 
     faint = False
@@ -192,98 +202,71 @@ class _Search:
         self.joints = tuple(problem.dynamics.chain.joint_labels)
         # Friction holds these joints, so no number of theirs follows from the log.
         self._idle = tuple(f"[{i}]" for i in still(records))
-        self._move_to(optimum, step, bounds)
-        rounding = 0.0
-        if not records[0].rig.encoder.smooth:
-            variance = 1 / 12  # of a count, uniform within one pulse [pulses^2]
-            rounding = variance * float((model.weights**2).sum())
-        # The floor: rounding is no error of the model, so a share of the rest must be explained.
-        self.least = SETTINGS.explained * max(0.0, optimum.squares - rounding)
+        self.point = self.point_at(optimum, step, bounds)
 
     @property
     def at(self):
         """The present optimum."""
         return self.point.at
 
-    def _move_to(self, optimum, step, bounds):
-        """Go to an optimum, and take the effects of what the rig leaves out there."""
+    def point_at(self, optimum, step, bounds, causes=()):
+        """An optimum with the effects of what the rig leaves out there."""
         along = {}
         for hypothesis in HYPOTHESES:
             if hypothesis.torques is not None:
                 along |= hypothesis.torques(optimum)
         torques = acting(along)
         effects = effects_of(optimum, HYPOTHESES, self._efforts) | effects_along(optimum, torques)
-        self.point = Point(at=optimum, step=step, bounds=bounds, effects=effects, torques=torques)
-        self._testable = {name for name in effects if not name.endswith(self._idle)}
+        return Point(
+            at=optimum,
+            step=step,
+            bounds=bounds,
+            effects=effects,
+            testable={
+                name: row
+                for name, row in effects.items()
+                # Friction holds idle joints; a number whose effect diverges cannot be tested.
+                if not name.endswith(self._idle) and np.isfinite(row).all()
+            },
+            torques=torques,
+            efforts=self._efforts,
+            causes=causes,
+        )
 
     def detection(self, delay, *, coarse=False):
         """Select the causes one after another.
 
-        `coarse`: end where the first cause is `faint`: coarse steps might explain as little.
+        `delay`: worth a trial whatever its score test says; 0 if none is. `coarse`: end where the
+        first cause is `faint`: coarse steps might explain as little.
         """
-        initial = tested(self.point, self._testable)
-        signs = initial
         stated = self.at.model.stated()
-        causes = []
-        if delay:
-            signs = [
-                replace(sign, values={"delay": delay}, chi_square=np.inf)
-                if sign.name == "delay"
-                else sign
-                for sign in signs
-            ]
-        while len(causes) < SETTINGS.causes:
-            # 1. Signs above the threshold of this round.
-            factor = SETTINGS.following if causes else 1.0
-            significant = [
-                sign
-                for sign in signs
-                if sign.chi_square > factor * sign.threshold and _may_follow(sign, causes)
-            ]
-            fittable = [sign for sign in significant if BY_NAME[sign.name].refit]
-            largest = max((sign.explained for sign in fittable), default=0.0)
+        initial = tested(self.point)
+        named = []
 
-            # 2. Records that no one model has: fits would blame causes that no record has.
-            apart = [
-                sign
-                for sign in significant
-                if sign.name == "disagreement" and sign.explained > SETTINGS.apart * largest
-            ]
-            if apart and not causes:
-                causes = [replace(sign, log_odds=self._odds(sign)) for sign in apart]
-                break
+        def candidates(point):
+            if point.causes:
+                return self._candidates(point, tested(point))
+            return self._candidates(point, [_suggested(sign, delay) for sign in initial])
 
-            # 3. Of the fits, the one with the fewest numbers among those that are about as good.
-            refits = self._refits(fittable, largest, factor)
-            best = min(
-                refits, key=lambda refit: (refit.sign.freedom, -refit.sign.explained), default=None
+        def accept(ranked):
+            best = ranked[0].corrected
+            limit = SETTINGS.faint * self.at.squares
+            self.faint = coarse and not named and best.sign.explained < limit
+            if self.faint:
+                return None
+            self.point = best()
+            others, near = beside(ranked, SELECTION)
+            named.append(
+                replace(
+                    self.point.causes[-1],
+                    rivals=tuple(other.hypothesis.name for other in near),
+                    others=tuple((other.hypothesis.name, other.log_odds) for other in others),
+                )
             )
-            if best is None:
-                chosen = [sign for sign in significant if not BY_NAME[sign.name].refit]
-            else:
-                chosen = [self._ranked(best, refits, significant)]
-                best = best._replace(sign=chosen[0])
-            self.faint = (
-                coarse
-                and bool(chosen)
-                and all(sign.explained < SETTINGS.faint * self.at.squares for sign in chosen)
-            )
-            coarse = False
-            if best is None or self.faint:
-                causes += [replace(sign, log_odds=self._odds(sign)) for sign in chosen]
-                break
+            return self.point
 
-            # 4. Adopt it, and test all again beside it.
-            causes.append(self._adopted(best))
-            signs = tested(self.point, self._testable)
-        if (
-            causes
-            and causes[-1].name == "disagreement"
-            and causes[-1].chi_square > causes[0].chi_square
-        ):
-            # The causes before explain only a little of the disagreement: it comes first.
-            causes = [causes.pop(), *causes]
-        estimates = [_with_values(sign, self.at) for sign in causes]
+        select(self.point, candidates, accept, SELECTION)
+        estimates = [_with_values(sign, self.at) for sign in named]
         return Detection(
             signs=tuple(initial),
             named=tuple(sign for sign in estimates if not self._tolerated(sign.values)),
@@ -291,53 +274,24 @@ class _Search:
             joints=self.joints,
         )
 
-    def _refits(self, signs, largest, factor):
-        """Fits of the causes with a promising first estimate, about as good as the best of them."""
-        refits = []
+    def _candidates(self, point, signs):
+        """The causes that may be beside those of a point, fitted."""
+        # Of a cause that no model has, nothing can be undone.
+        if point.causes and BY_NAME[point.causes[-1].name].refit is None:
+            return
+        signs = [sign for sign in signs if sign.significant and _may_follow(sign, point.causes)]
+        largest = max((sign.explained for sign in signs), default=0.0)
         for sign in signs:
-            # A delay that another test suggests has an infinite chi-square: it is always tried.
-            if not (sign.explained > SETTINGS.fitted * largest or np.isinf(sign.chi_square)):
-                continue
             hypothesis = BY_NAME[sign.name]
-            refit = hypothesis.refit(hypothesis, self.point, sign)
-            if (
-                refit is not None
-                and refit.sign.explained > self.least
-                and refit.sign.chi_square > factor * refit.sign.threshold
-            ):
-                refits.append(refit)
-            # The others are dropped at once, which frees their sensitivities.
-            limit = SETTINGS.as_good * max((refit.sign.explained for refit in refits), default=0.0)
-            refits = [refit for refit in refits if refit.sign.explained > limit]
-        return refits
-
-    def _odds(self, sign):
-        """Log odds for the cause of a sign."""
-        return BY_NAME[sign.name].log_odds(sign, self._efforts)
-
-    def _ranked(self, best, refits, significant):
-        """The sign of the best fit, with its rivals, its odds, and what comes next."""
-        # The fit of a cause replaces its first estimate.
-        signs = {sign.name: sign for sign in significant}
-        signs |= {refit.sign.name: refit.sign for refit in refits}
-        odds = {name: self._odds(sign) for name, sign in signs.items()}
-        others = sorted(odds.keys() - {best.sign.name}, key=lambda name: -odds[name])
-        return replace(
-            best.sign,
-            rivals=tuple(refit.sign.name for refit in refits if refit.sign.name != best.sign.name),
-            log_odds=odds[best.sign.name],
-            others=tuple((name, odds[name]) for name in others if odds[name] > 0),
-        )
-
-    def _adopted(self, best):
-        """Make a fit the optimum of the search; its sign."""
-        sign = best.sign
-        # The trial fits used sensitivities of the previous optimum; this one takes its own.
-        bounds = self.point.bounds
-        optimum = fitted(best.at.model, best.at.values, best.step, bounds)
-        adopted = compared(BY_NAME[sign.name], self.point, sign, optimum, best.step)
-        self._move_to(optimum, best.step, bounds)
-        return adopted.sign
+            if hypothesis.refit is None:
+                yield _Accepted(self, point, sign).candidate
+            # A delay that another test suggests has infinite odds: it is always tried.
+            elif sign.explained > SETTINGS.promising * largest or np.isinf(sign.chi_square):
+                refit = hypothesis.refit(hypothesis, point, sign)
+                if refit is not None:
+                    # Without its sensitivities, which would fill the memory.
+                    fit = refit.at.model, refit.at.values, refit.step
+                    yield _Accepted(self, point, refit.sign, fit).candidate
 
     def _tolerated(self, values):
         """Whether all values are small against their tolerances, which the intervals count."""
@@ -360,6 +314,13 @@ class _Search:
             efforts=self._efforts,
             share=self._share,
         )
+
+
+def _suggested(sign, delay):
+    """A sign; that of a delay with the size that another test suggests, and infinite odds."""
+    if not delay or sign.name != "delay":
+        return sign
+    return replace(sign, values={"delay": delay}, chi_square=np.inf)
 
 
 def _with_values(sign, at):

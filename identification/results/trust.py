@@ -8,7 +8,7 @@ import numpy as np
 
 from identification.equation_error.arm_check import FittedArm
 from identification.equation_error.naming import misread
-from identification.equation_error.restated import restated
+from identification.equation_error.restated import restated, wrong_statements
 from identification.replay.timing import is_late
 from identification.results.seen import APART, contradicted, motion_of
 from identification.results.with_arm import BY_NAME
@@ -117,13 +117,17 @@ def warnings_of(identification: Any) -> dict[str, bool]:
     case = _Case.of(identification)
     # The names of the causes document the order; lines have no names.
     lines = {line: check not in _ALWAYS for _, check in _CHECKS for line in check(case)}
-    # Columns that were misread explain any doubt, but accuse no log that has none.
-    records = identification.records if any(lines.values()) else ()
-    misreadings = [text[1:] for text in map(misread, records) if text]
+    record, *further = identification.records
+    dynamics = identification.arm.dynamics
     # Wrong signs are reported even where no line doubts the log.
-    causes = restated(identification.arm.dynamics, identification.records[0])
-    signs = [cause.line for cause in causes]
-    return dict.fromkeys([*misreadings, *signs], True) | lines
+    if not any(lines.values()):
+        causes = restated(dynamics, record)
+        return dict.fromkeys((cause.line for cause in causes), True) | lines
+    # Columns that were misread explain any doubt, but accuse no log that has none.
+    statements = [*wrong_statements(dynamics, record)]
+    for other in further:
+        statements += misread(other)
+    return dict.fromkeys(statements, True) | lines
 
 
 def of_statements(rig: Rig, records: Iterable[Record], chain: Chain) -> _Lines:

@@ -8,7 +8,7 @@ the tolerances of their numbers. A new cause is a new row here.
 import numpy as np
 
 from identification.replay.extended import Number
-from identification.results.along_log import CYCLES, cogging, lead
+from identification.results.along_log import CYCLES, cogging, drift, lead
 from identification.results.alternatives import (
     ArmHypothesis,
     disagreement,
@@ -72,7 +72,7 @@ HYPOTHESES = (
     # a resonance of 200 Hz stands for all of them.
     ArmHypothesis(
         name="compliance",
-        sentence="the joints are elastic: locked-rotor resonance near {each} ({chance})",
+        sentence="the joints are elastic: locked-rotor resonance near {each}",
         remedy="Give the drive an Elasticity, and identify its stiffness too",
         telling="a motion with faster reversals shows the springs, a slow one the rest",
         biased=True,
@@ -94,7 +94,7 @@ HYPOTHESES = (
     # In rad, and without a slope: widths are tried.
     ArmHypothesis(
         name="backlash",
-        sentence="the gear of {joint} has backlash, about {size:.1g} degrees ({chance}): where its"
+        sentence="the gear of {joint} has backlash, about {size:.1g} degrees: where its"
         " load changes sign, that is the model's accuracy floor",
         title="backlash",
         unit="degrees",
@@ -108,7 +108,7 @@ HYPOTHESES = (
     # All friction is one cause; the text lists its numbers. Motor side [N m s/rad, N m].
     ArmHypothesis(
         name="friction",
-        sentence="friction is not the rig's{scaled} ({chance}): {each}",
+        sentence="friction is not the rig's{scaled}: {each}",
         remedy="Add these numbers to unknown (drive.viscous[0] and so on)",
         telling="log slower and faster motion as well",
         title="other friction",
@@ -139,11 +139,11 @@ HYPOTHESES = (
         signed=True,
         shares=True,
         refit=moved,
-        spread=0.1,
+        spread=0.3,
     ),
     ArmHypothesis(
         name="offset",
-        sentence="torques have an offset that the rig lacks, {each}, motor side ({chance})",
+        sentence="torques have an offset that the rig lacks, {each}, motor side",
         remedy="Give the drive a FrictionCurve(offset=0 of each joint), and add"
         " drive.curve.offset[0] and so on to unknown",
         telling="log the same motion in both directions",
@@ -168,7 +168,7 @@ HYPOTHESES = (
     # Wrong lengths and counts per turn scale a motion as a wrong gear does.
     ArmHypothesis(
         name="gear",
-        sentence="gears (or lengths, or counts per turn) are not the rig's: {each} ({chance})",
+        sentence="gears (or lengths, or counts per turn) are not the rig's: {each}",
         remedy="Check them, or add drive.gear[0] and so on to unknown",
         telling="turn the motor by whole turns, and measure the joint",
         biased=True,
@@ -189,7 +189,7 @@ HYPOTHESES = (
     # The time constant of the currents [s].
     ArmHypothesis(
         name="lag",
-        sentence="torques lag behind commands by {each} ({chance})",
+        sentence="torques lag behind commands by {each}",
         remedy="Give the drive current_lag, and compare",
         telling="log the current beside the command",
         title="lag",
@@ -217,7 +217,7 @@ HYPOTHESES = (
     ),
     ArmHypothesis(
         name="delay",
-        sentence="the counts are {each} ({chance})",
+        sentence="the counts are {each}",
         remedy="Identify without_delay(record, {value:.2g}) and compare",
         telling="log the torque as well, whose timing shows without it",
         biased=True,
@@ -234,7 +234,7 @@ HYPOTHESES = (
     # Its torque is known along the log but for the size, so it is stated, not identified.
     ArmHypothesis(
         name="cogging",
-        sentence="motors cog: {each}, motor side ({chance})",
+        sentence="motors cog: {each}, motor side",
         remedy="Give the drive a TorqueRipple of that",
         title="cogging",
         each="{size:.2g} {unit}, {cycles} times per turn, at {joint}",
@@ -250,7 +250,7 @@ HYPOTHESES = (
     # A derivative in the law advances its torque by the ratio of the gains.
     ArmHypothesis(
         name="lead",
-        sentence="the stated law lacks the rate of its error: torques lead by {each} ({chance})",
+        sentence="the stated law lacks the rate of its error: torques lead by {each}",
         remedy="Check the law; a PD has such a lead, its derivative per gain",
         telling="log the torque as well, which shows the law without a model of the arm",
         biased=True,
@@ -262,6 +262,21 @@ HYPOTHESES = (
         least_samples=0.5,
         refit=pushed,
         spread=5e-3,
+    ),
+    # Of warming gears. Of one size for each joint, since viscous and dry friction change together.
+    ArmHypothesis(
+        name="drift",
+        sentence="friction is changing along the log: from its beginning to its end by {each} of"
+        " the stated one",
+        remedy="Log a warm robot, cut the log, or give the drive a FrictionDrift",
+        telling="log the same motion twice",
+        title="changing friction",
+        unit="%",
+        convert=_percent,
+        torques=drift,
+        signed=True,
+        refit=pushed,
+        spread=0.3,
     ),
     # Not fitted: of wide backlash only the instants are known at which it acts.
     ArmHypothesis(
@@ -276,7 +291,7 @@ HYPOTHESES = (
     ArmHypothesis(
         name="disagreement",
         sentence="the records contradict each other: each alone has other values (chi-square"
-        " {chi_square:.0f} of {freedom} degrees of freedom, by chance below {threshold:.0f}). The"
+        " {chi_square:.0f} of {freedom} degrees of freedom). The"
         " model lacks something, or the robot has changed (friction; a load, which find_load"
         " weighs)",
         remedy="{mean}",
@@ -284,7 +299,7 @@ HYPOTHESES = (
     ),
     ArmHypothesis(
         name="length",
-        sentence="the arm's lengths are not the chain's: {each} ({chance})",
+        sentence="the arm's lengths are not the chain's: {each}",
         remedy="Measure them, and correct the chain",
         telling="measure them",
         biased=True,

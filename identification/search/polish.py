@@ -18,7 +18,6 @@ from identification.equation_error.least_squares import (
     least_squares,
 )
 from identification.equation_error.logged_torques import fit_torque
-from identification.equation_error.naming import first_problem
 from identification.equation_error.possible_bodies import with_possible_bodies
 from identification.equation_error.pulse_fit import equation_error as fit_pulses
 from identification.equation_error.pulse_fit import over_bands
@@ -143,9 +142,8 @@ def torque_fit(problem: Problem) -> TorqueFit:
         if possible is not None and follows(possible):
             return possible
     raise ValueError(
-        "the torque equation must give an arm that can follow the log; it does in no"
-        f" band.{first_problem(problem.records)} Ask record.check() for order, signs and units of"
-        " torques and positions, or give ranges."
+        "the torque equation must give an arm that can follow the log; it does in no band. Ask"
+        " record.check() for order, signs and units of torques and positions, or give ranges."
     )
 
 

@@ -222,15 +222,10 @@ class Cause(Shown):
 
     @property
     def line(self) -> str:
-        """What is wrong, what else it may be, and what to do, as one line."""
-        parts = (self.sentence, self.doubt.rstrip("."), self.remedy.rstrip("."))
+        """What is wrong with which odds, what else it may be, and what to do, as one line."""
+        sentence = f"{self.sentence} (odds {self.odds})"
+        parts = (sentence, self.doubt.rstrip("."), self.remedy.rstrip("."))
         return "".join(f"{part}. " for part in parts if part).rstrip()
-
-    @property
-    def advice(self) -> str:
-        """Sentence, remedy, odds and doubt in one line."""
-        remedy = f": {self.remedy[0].lower()}{self.remedy[1:]}" if self.remedy else "."
-        return f"{self.sentence}{remedy} Odds {self.odds}. {self.doubt}".rstrip()
 
     @property
     def doubt(self) -> str:
@@ -315,31 +310,63 @@ def ranking(
     causes: list[Cause] = []
     experiments = [experiment]
     accepted: list[Hypothesis[Experiment]] = []
-    while len(causes) < settings.causes:
-        ranked = sorted(candidates(experiments[-1]), key=lambda candidate: -candidate.log_odds)
-        traces = settings.traces * causes[-1].log_odds if causes else 0.0
-        if not ranked or not ranked[0].log_odds > max(settings.accepted, traces):
-            break
+
+    def accept(ranked: list[Candidate]) -> Experiment | None:
         causes.append(_cause(ranked, labels, settings))
         accepted.append(ranked[0].hypothesis)
         # What may be a parameter of the model is left to an identification.
         if not causes[-1].certain:
-            break
+            return None
         experiments.append(ranked[0].corrected())
+        return experiments[-1]
+
+    select(experiment, candidates, accept, settings)
     return Ranking(tuple(causes), tuple(experiments), accepted=tuple(accepted))
+
+
+def select(
+    experiment: Experiment,
+    candidates: Callable[[Experiment], Iterable[Candidate]],
+    accept: Callable[[list[Candidate]], Experiment | None],
+    settings: SelectionSettings = SELECTION,
+) -> None:
+    """Forward selection: the candidates of an experiment, then those without the likeliest one.
+
+    ``accept(ranked)`` takes the candidates, the likeliest first, and gives the experiment without
+    that one, or None to end.
+    """
+    limit = settings.accepted
+    for _ in range(settings.causes):
+        ranked = sorted(candidates(experiment), key=lambda candidate: -candidate.log_odds)
+        if not ranked or not ranked[0].log_odds > limit:
+            return
+        limit = max(settings.accepted, settings.traces * ranked[0].log_odds)
+        following = accept(ranked)
+        if following is None:
+            return
+        experiment = following
+
+
+def beside(
+    ranked: list[Candidate], settings: SelectionSettings = SELECTION
+) -> tuple[list[Candidate], list[Candidate]]:
+    """Other causes that are likelier than none; and those that the log does not exclude."""
+    best = ranked[0]
+    others = [
+        candidate
+        for candidate in ranked[1:]
+        # Another size, or another joint, of the same mistake is no other cause.
+        if candidate.log_odds > settings.accepted
+        and candidate.hypothesis.name != best.hypothesis.name
+    ]
+    return others, [other for other in others if other.log_odds > best.log_odds - settings.undecided]
 
 
 def _cause(ranked: list[Candidate], labels: tuple[str, ...], settings: SelectionSettings) -> Cause:
     """The likeliest candidate, and the others that the log does not exclude."""
     best = ranked[0]
     hypothesis = best.hypothesis
-    others = [
-        candidate
-        for candidate in ranked[1:]
-        # Another size, or another joint, of the same mistake is no other cause.
-        if candidate.log_odds > settings.accepted and candidate.hypothesis.name != hypothesis.name
-    ]
-    near = [other for other in others if other.log_odds > best.log_odds - settings.undecided]
+    others, near = beside(ranked, settings)
     certain = hypothesis.parameter or not any(rival.hypothesis.parameter for rival in near)
     joint, other = ([labels[j] for j in best.joints] + ["", ""])[:2]
     words = {"joint": joint, "other": other, "value": best.size, **best.words}

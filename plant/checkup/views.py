@@ -40,7 +40,7 @@ def cause_findings(ranking: Ranking[Experiment]) -> Iterator[Finding]:
             check = Check(cause.check, i, unit)
             # The second joint of an exchange has the same advice.
             judge = check.look if _harmless(cause) else check.wrong
-            yield judge(value, cause.advice)
+            yield judge(value, cause.line)
 
 
 def _harmless(cause: Cause) -> bool:

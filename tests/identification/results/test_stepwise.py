@@ -90,7 +90,7 @@ def test_what_explains_little_is_tested_at_finer_steps_before_anything_is_tested
     named all the same.
     """
     steps, weighed = [], []
-    begin, weigh = stepwise._Search.__init__, stepwise._Search._move_to
+    begin, weigh = stepwise._Search.__init__, stepwise._Search.point_at
 
     def begun(self, problem, *given):
         steps.append(problem.options["steps_per_sample"])
@@ -100,11 +100,11 @@ def test_what_explains_little_is_tested_at_finer_steps_before_anything_is_tested
     monkeypatch.setattr(stepwise, "SETTINGS", settings)
     monkeypatch.setattr(stepwise._Search, "__init__", begun)
 
-    def moved(self, *given):
+    def moved(self, *given, **more):
         weighed.append(steps[-1])
-        weigh(self, *given)
+        return weigh(self, *given, **more)
 
-    monkeypatch.setattr(stepwise._Search, "_move_to", moved)
+    monkeypatch.setattr(stepwise._Search, "point_at", moved)
     ripple = TorqueRipple(amplitude=0.2 * RIG.drive.coulomb, cycles=(6, 6), phase=(0.5, 1.0))
     assert "cogging" in quick(log(ripple=ripple)).diagnostics.detection.names
     assert steps == expected
