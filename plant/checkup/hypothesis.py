@@ -359,7 +359,9 @@ def beside(
         if candidate.log_odds > settings.accepted
         and candidate.hypothesis.name != best.hypothesis.name
     ]
-    return others, [other for other in others if other.log_odds > best.log_odds - settings.undecided]
+    return others, [
+        other for other in others if other.log_odds > best.log_odds - settings.undecided
+    ]
 
 
 def _cause(ranked: list[Candidate], labels: tuple[str, ...], settings: SelectionSettings) -> Cause:

@@ -244,7 +244,8 @@ def test_a_search_in_vain_says_which_sign_is_wrong():
     )
     impossible = np.tile((-11.0, -10.0), (down.p, 1))
     with pytest.raises(
-        ValueError, match=r"^gravity acts the other way\. .* Correct that first; .* no sound inertia"
+        ValueError,
+        match=r"^gravity acts the other way\. .* Correct that first; .* no sound inertia",
     ):
         identify(down, measured(), ranges=impossible, settings=TINY, progress=False, method="paper")
 

@@ -21,6 +21,7 @@ from plant import (
     Elasticity,
     Encoder,
     FrictionCurve,
+    FrictionDrift,
     Harmonics,
     Link,
     LoggedTorque,
@@ -75,6 +76,7 @@ def test_a_rigid_robot_is_accused_of_nothing(rigid):
         "gear",
         "cogging",
         "lead",
+        "drift",
         "reversals",
     }
     assert not any(sign.significant for sign in detection.signs)
@@ -337,6 +339,16 @@ def test_motors_that_cog_are_named_beside_logged_torques():
     ripple = TorqueRipple(amplitude=0.4 * RIG.drive.coulomb, cycles=(6, 6), phase=(0.5, 1.0))
     said, *_ = quick(log(law=PID_LAW, ripple=ripple)).warnings
     assert re.match(r"motors cog: 0.0[56]\d* N m, 6 times per turn, at joint 2", said)
+
+
+def test_friction_that_changes_along_the_log_is_named_with_its_joint_and_size():
+    """It falls by almost the same share all along, at one joint."""
+    drift = FrictionDrift(amount=(-0.9, 0.0), time=(2.0 * PATH.duration,) * 2)
+    sign, *_ = quick(log(friction_drift=drift)).diagnostics.detection.named
+    # exp(-1/2): the fall from the beginning to the end, as a share of what is stated
+    assert sign.name == "drift"
+    assert sign.values["drift[0]"] == pytest.approx(-0.9 * (1 - np.exp(-0.5)), rel=0.3)
+    assert abs(sign.values["drift[1]"]) < 0.1
 
 
 def test_an_offset_whose_estimate_is_too_large_is_fitted_all_the_same():
