@@ -147,18 +147,29 @@ def played(hypothesis: ArmHypothesis, point: Point, sign: Sign) -> Refit | None:
         return None
 
 
-def pushed(hypothesis: ArmHypothesis, point: Point, sign: Sign) -> Refit | None:
+def pushed(
+    hypothesis: ArmHypothesis, point: Point, sign: Sign, *, begin_nearer: bool = True
+) -> Refit | None:
     """The model beside the torques of a sign, fitted; None if it diverges."""
     # The torques of a sign add up, record by record.
     scaled = [
         [value * torque for torque in point.torques[name]] for name, value in sign.values.items()
     ]
+    refit = None
     try:
         model = point.at.model.pushed([sum(terms) for terms in zip(*scaled, strict=True)])
         optimum = fitted(model, point.at.values, point.step, point.bounds, point.at)
+        refit = compared(hypothesis, point, sign, optimum, point.step)
     except ValueError:
-        return None
-    return compared(hypothesis, point, sign, optimum, point.step)
+        pass
+    as_good = refit is not None and refit.sign.explained > SETTINGS.as_good * sign.explained
+    if as_good or not begin_nearer:
+        return refit
+    # Where joints stick, the estimate is too large by about two.
+    half = replace(sign, values={name: value / 2 for name, value in sign.values.items()})
+    nearer = pushed(hypothesis, point, half, begin_nearer=False)
+    fits = [fit for fit in (refit, nearer) if fit is not None]
+    return max(fits, key=lambda fit: fit.sign.explained, default=None)
 
 
 def lengthened(hypothesis: ArmHypothesis, point: Point, sign: Sign) -> Refit | None:

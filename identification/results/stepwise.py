@@ -1,6 +1,7 @@
 """Forward selection of the causes that contradict a model: accept the likeliest, test all again."""
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -8,10 +9,10 @@ from identification.equation_error.excitation import still
 from identification.replay.extended import Extended
 from identification.replay.optimum import fitted, nearest
 from identification.results.along_log import acting, effects_along, efforts
-from identification.results.alternatives import Sign, effects_of, linear
+from identification.results.alternatives import Point, Sign, effects_of, linear
 from identification.results.detection import Detection
 from identification.results.model_error import Doubt, priors
-from identification.results.refits import Point, compared
+from identification.results.refits import compared
 from identification.results.with_arm import BY_NAME, HYPOTHESES, NUMBERS
 from identification.search.memory import as_tested
 from identification.search.outcome import Fit, Outcome
@@ -138,7 +139,8 @@ class _Accepted:
     @property
     def candidate(self) -> Candidate:
         """The same for the selection."""
-        return Candidate(BY_NAME[self.sign.name], (), 0.0, self.sign.log_odds, self)
+        hypothesis: Any = BY_NAME[self.sign.name]
+        return Candidate(hypothesis, (), 0.0, self.sign.log_odds, self)
 
 
 class _Search:
