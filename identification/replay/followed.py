@@ -11,6 +11,7 @@ from identification.equation_error.law_memory import FADED, Memory, Resumption
 from identification.replay.experiment import Experiment, Rounding
 from plant import Dynamics, Record
 from plant.checkup.counts import hardly_moving
+from plant.machine.inner_loop import InnerLoop
 from plant.parts import Floats, frozen_settings
 from plant.simulation.loop_kernel import LOGGED, logged_kernel
 
@@ -105,6 +106,9 @@ class Followed(Experiment):
         record = self.record
         if self.memory is not None:
             settled[:FADED] = 0
+        # The counts of a servo's log give its speed at the start only roughly, and goals none.
+        if isinstance(record.law, InnerLoop) and record.initial is None:
+            settled[: min(SETTINGS.settling, len(record) // 4)] = 0
         if record.law is None or not record.law.replays or self.memory is not None:
             return settled
         # The counts give the speed at the start only roughly, and no reference gives it better.

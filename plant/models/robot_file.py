@@ -109,7 +109,8 @@ def read_robot(path: str | Path) -> Robot:
     Parameters
     ----------
     path : str or Path
-        A file; or the name of one of the package: "paper_puma560", "puma560", "tx40", "ur5e".
+        A file; or the name of one of the package: "openarm", "paper_puma560", "puma560", "so100",
+        "so101", "tx40", "ur5e", "yam".
 
     Returns
     -------

@@ -111,7 +111,7 @@ def test_a_lost_packet_of_a_servo_is_still_seen():
     assert lost_rows(spoilt).any[row]
 
 
-@pytest.mark.parametrize(("period", "every"), [(0.033, 1), (0.011, 3)])
+@pytest.mark.parametrize(("period", "every"), [(0.033, 1), (0.01, 3)])
 def test_slow_goals_give_the_friction_of_the_arm(period, every):
     # The loop of a servo is damped: no oscillation has to be seen.
     found = identify(dynamics(), held_log(period, every), unknown="friction", progress=False)

@@ -132,10 +132,14 @@ def test_packaged_robots_are_what_their_sources_say():
     assert tx40.dynamics.chain.coupling == tx40.rig.drive.coupling
     assert ur5e.arm.dynamics.chain.links[1].name == "shoulder_lift"
     assert sorted(path.stem for path in FOLDER.glob("*.toml")) == [
+        "openarm",
         "paper_puma560",
         "puma560",
+        "so100",
+        "so101",
         "tx40",
         "ur5e",
+        "yam",
     ]
     # published: 150 and 28 N m; the arm is 0.85 m long, and holds itself level
     np.testing.assert_allclose(
@@ -206,10 +210,46 @@ def test_units_of_inherited_numbers_are_those_of_the_base():
     ]
 
 
+@pytest.mark.parametrize(
+    ("name", "heaviest", "mass"),
+    [("so100", 1, 0.162409), ("so101", 2, 0.104), ("yam", 1, 1.24434), ("openarm", 0, 1.1416685)],
+)
+def test_packaged_arms_with_inner_loops_have_the_masses_of_their_models(name, heaviest, mass):
+    bodies = read_robot(name).dynamics.chain.bodies
+    assert bodies[heaviest].mass == pytest.approx(mass, rel=1e-6)
+    # All inertias are those of bodies that exist.
+    for body in bodies:
+        xx, xy, xz, yy, yz, zz = body.inertia
+        moments = np.linalg.eigvalsh([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+        assert 0 < moments[2] < moments[0] + moments[1]
+
+
+def test_servos_of_an_so101_are_those_of_the_published_fit():
+    robot = read_robot("so101")
+    drive = robot.rig.drive
+    kt, ohm, volts = 1.212, 2.676, 7.4
+    np.testing.assert_allclose(drive.viscous, kt**2 / ohm + 0.059, rtol=1e-3)
+    np.testing.assert_allclose(drive.current_limit, kt / ohm * volts, rtol=1e-3)
+    assert robot.rig.inner.sends == "goal"
+    # Stretched out level it carries its weight; one rotor is a good part of its inertia.
+    level = max(abs(robot.arm.h((0, q, 0, 0, 0), np.zeros(5))[1]) for q in (0, np.pi / 2))
+    assert 0.5 < level < 1.2
+    assert robot.arm.D(np.zeros(5))[4, 4] == pytest.approx(0.0284, rel=0.01)
+
+
+def test_friction_that_nobody_published_is_open():
+    for name, kinds in (("yam", ("viscous",)), ("openarm", ("viscous", "coulomb"))):
+        robot = read_robot(name)
+        assert robot.rig.drive.left_open == kinds
+        assert robot.rig.inner.sends == "frame"
+        with pytest.raises(ValueError, match="friction must be known"):
+            ComputedTorque(robot.arm, robot.rig)
+
+
 def test_refusals(tmp_path):
     with pytest.raises(
         ValueError,
-        match=r"there is none. Give its path, or one of paper_puma560, puma560, tx40, ur5e",
+        match=r"there is none. Give its path, or one of openarm, paper_puma560, puma560, so100, so101",
     ):
         read_robot("ur6e")
     robot = read_robot("paper_puma560")
