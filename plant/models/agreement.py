@@ -149,6 +149,12 @@ class Links(dict[str, CheckedLink]):
         return max(link.way for link in self.values())
 
     @cached_property
+    def without_products(self) -> bool:
+        """Whether most links state no products of inertia, so that zeros say nothing of one."""
+        stating = [one for one in self.stated.values() if one.spread[np.triu_indices(3, 1)].any()]
+        return 2 * len(stating) < len(self.stated)
+
+    @cached_property
     def fits(self) -> dict[str, bool]:
         """Whether each link that has a shape and an inertial fits into its shape."""
         return {
@@ -221,6 +227,17 @@ def uniform(inertial: Inertial, shape: Shape | None) -> bool:
     off = np.abs(inertial.spread / inertial.mass - shape.spread).max()
     shift = np.linalg.norm(inertial.com - shape.centre)
     return bool(off < SETTINGS.uniform * size and shift < SETTINGS.uniform * np.sqrt(size))
+
+
+def lacks_products(inertial: Inertial, link: CheckedLink, links: Links) -> bool:
+    """Whether products of inertia were left out, in a file that states those of most links.
+
+    A body beside its axes has none by chance only, unless it is its shape, filled.
+    """
+    if links.without_products or inertial.spread[np.triu_indices(3, 1)].any():
+        return False
+    beside = np.count_nonzero(np.abs(inertial.com) > SETTINGS.dust) >= 2
+    return bool(beside) and not uniform(inertial, link.shape)
 
 
 def impossible(inertial: Inertial, link: CheckedLink, links: Links, *, alone: bool = False) -> bool:

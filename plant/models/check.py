@@ -29,6 +29,7 @@ from plant.models.agreement import (
     cost_of,
     distance,
     impossible,
+    lacks_products,
     mirrored,
     proof_of,
     thinner,
@@ -495,6 +496,8 @@ def _guess(link: CheckedLink, links: Links) -> Body | None:
     bodies = [mirrored(partner, motion) for partner, motion in link.partners if partner.physical()]
     if stated is not None:
         bodies = [body for body in bodies if _same_place(body, stated)]
+    # The other side may lack what this side had.
+    bodies = [body for body in bodies if not lacks_products(body, link, links)]
     filled = _filled(link, links)
     if not bodies and filled is not None and (stated is None or _same_place(filled, stated)):
         bodies = [filled]

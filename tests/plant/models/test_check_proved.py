@@ -199,6 +199,19 @@ def test_no_inertia_is_taken_from_a_side_that_states_another_link(tmp_path):
         assert finding.repair is None
 
 
+def test_no_inertia_is_taken_from_a_side_that_lacks_the_products(tmp_path):
+    """The other side states zeros where every other link has products: some were left out there."""
+    links, joints = two_sides(np.random.default_rng(12))
+    mass, com, inertia = links["right_lower"]
+    links["right_lower"] = mass, com, np.zeros((3, 3))
+    (finding,) = check_model(written(tmp_path / "arms.urdf", links, joints)).findings
+    assert finding.repair is not None
+    links["left_lower"] = *links["left_lower"][:2], np.diag(np.diag(inertia))
+    (finding,) = check_model(written(tmp_path / "arms.urdf", links, joints)).findings
+    assert (finding.link, finding.mistake) == ("right_lower", "no inertia")
+    assert finding.repair is None
+
+
 @pytest.mark.parametrize("signs", [(-1, -1, 1), (-1, 1, -1), (1, -1, -1), (-1, -1, -1), (1, 1, 1)])
 def test_a_finger_may_be_its_twin_turned_by_half_a_turn(tmp_path, signs):
     random = np.random.default_rng(12)
