@@ -13,6 +13,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
+from plant.logs.clock_times import is_instant
 from plant.logs.unit_words import unit_named, without_unit
 from plant.parts.csv_rows import LIMITS, cells_of, is_number, lines_of
 
@@ -67,7 +68,7 @@ class Dialect:
     units : dict
         Name -> unit, where a row of units or brackets state it.
     numeric : tuple of str
-        Columns whose cells are numbers; those of the others are text.
+        Columns whose cells are numbers or instants; those of the others are text.
     skip : int
         Lines before the first row.
     """
@@ -93,6 +94,8 @@ class _Layout(NamedTuple):
     width: int
     trailing: bool
     numeric: frozenset[int]
+    # Of these, the columns of instants, which are read as seconds.
+    instants: frozenset[int]
     decimal_comma: bool
     # Number of cells that are numbers, times their share among all.
     weight: float
@@ -113,12 +116,12 @@ class _Line(NamedTuple):
     def is_words(self) -> bool:
         """Whether no cell is a number, and half of them hold a word."""
         words = [cell for cell in self.cells if cell]
-        return 2 * len(words) >= len(self.cells) and not any(map(is_number, words))
+        return 2 * len(words) >= len(self.cells) and not any(map(_is_value, words))
 
     @property
     def is_numbers(self) -> bool:
         """Whether more than half of the cells are numbers."""
-        return 2 * sum(map(is_number, self.cells)) > len(self.cells)
+        return 2 * sum(map(_is_value, self.cells)) > len(self.cells)
 
 
 def dialect_of(path: str | Path) -> Dialect:
@@ -148,7 +151,7 @@ def dialect_of(path: str | Path) -> Dialect:
             separator=layout.separator,
             decimal_comma=layout.decimal_comma,
             names=names,
-            units=units,
+            units=units | {names[i]: "s" for i in layout.instants},
             numeric=tuple(name for i, name in enumerate(names) if i in layout.numeric),
             skip=skip,
         )
@@ -211,9 +214,14 @@ def _split(line: str, separator: str | None) -> list[str]:
     return joined
 
 
+def _is_value(cell: str) -> bool:
+    """Whether a cell is a number or an instant, and no word."""
+    return is_number(cell) or is_instant(cell)
+
+
 def _are_numbers(cells: Sequence[str], places: frozenset[int]) -> bool:
     present = [cells[i] for i in places if cells[i].lower() not in MISSING]
-    return bool(present) and all(map(is_number, present))
+    return bool(present) and all(map(_is_value, present))
 
 
 def _layout(lines: Sequence[str], separator: str | None) -> _Layout | None:
@@ -222,7 +230,7 @@ def _layout(lines: Sequence[str], separator: str | None) -> _Layout | None:
     rows = dict[int, list[list[str]]]()
     for line in lines:
         cells = _split(line, separator)
-        count = sum(map(is_number, cells))
+        count = sum(map(_is_value, cells))
         weights[len(cells)] += count
         if count:
             rows.setdefault(len(cells), []).append(cells)
@@ -235,13 +243,22 @@ def _layout(lines: Sequence[str], separator: str | None) -> _Layout | None:
     numeric = set[int]()
     for i, column in enumerate(list(zip(*table, strict=True))[:width]):
         missing = sum(cell.lower() in MISSING for cell in column)
-        if missing + sum(map(is_number, column)) >= SETTINGS.share * len(table):
+        if missing + sum(map(_is_value, column)) >= SETTINGS.share * len(table):
             numeric.add(i)
+    instants = {i for i in numeric if any(is_instant(cells[i]) for cells in table)}
     numbers = [cells[i] for cells in table for i in numeric if is_number(cells[i])]
     commas = sum("," in number for number in numbers)
     points = sum("." in number for number in numbers)
     weight = weights[width + trailing] ** 2 / (width * len(table))
-    return _Layout(separator, width, trailing, frozenset(numeric), commas > points, weight)
+    return _Layout(
+        separator,
+        width,
+        trailing,
+        frozenset(numeric),
+        frozenset(instants),
+        commas > points,
+        weight,
+    )
 
 
 def _lines_above(
@@ -285,7 +302,7 @@ def _heading(
     fitting = [line for line in near if _fits(line.cells, layout)]
     # Names are words; only where no line has words alone may some names be numbers.
     words = [line for line in fitting if line.is_words]
-    mixed = [line for line in fitting if any(c and not is_number(c) for c in line.cells)]
+    mixed = [line for line in fitting if any(c and not _is_value(c) for c in line.cells)]
     if not words and not mixed:
         return None
     line = (words or mixed)[0]
@@ -303,7 +320,7 @@ def _heading(
     names = line.cells
     # Names that repeat, such as q1 q2 q1 q2, belong to groups that the line above names.
     above_names = fitting[at + 1].cells if at + 1 < len(fitting) else []
-    if len(set(names)) < len(names) and above_names and not any(map(is_number, above_names)):
+    if len(set(names)) < len(names) and above_names and not any(map(_is_value, above_names)):
         groups = list[str]()
         # A spreadsheet names a group above its first column only.
         for cell in above_names:

@@ -8,6 +8,7 @@ from typing import Any
 
 from numpy.typing import NDArray
 
+from plant.logs.clock_times import ClockTimes
 from plant.logs.dialect import MISSING, dialect_of
 from plant.logs.unit_words import without_unit
 from plant.parts.csv_rows import LIMITS, Rows, lines_of
@@ -49,6 +50,7 @@ def read_text(
         places,
         missing=MISSING,
         decimal_comma=dialect.decimal_comma,
+        clock=ClockTimes(),
         surplus="Correct it, or name each column in the heading.",
         broken="Correct it, leave the cell empty, or leave out that column.",
     )

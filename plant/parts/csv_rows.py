@@ -53,6 +53,8 @@ class Rows:
         Words, in lower case, of cells without a value (NaN); by default no cell may be missing.
     decimal_comma : bool
         Decimals are written with a comma.
+    clock : callable, optional
+        The number of a cell with a colon, which states an instant; raises ValueError otherwise.
     surplus, broken : str
         Advice where a row has too many cells, or a cell that is no number.
     """
@@ -65,6 +67,7 @@ class Rows:
         *,
         missing: Collection[str] = (),
         decimal_comma: bool = False,
+        clock: Callable[[str], float] | None = None,
         surplus: str,
         broken: str,
     ) -> None:
@@ -73,6 +76,7 @@ class Rows:
         self._places = places
         self._missing = missing
         self._comma = decimal_comma
+        self._clock = clock
         self._advice = surplus, broken
         self._values = packed.array("d")
         self._count = 0
@@ -133,6 +137,8 @@ class Rows:
     def _number(self, cell: str) -> float:
         if self._missing and cell.strip().lower() in self._missing:
             return float("nan")
+        if self._clock is not None and ":" in cell:
+            return self._clock(cell)
         if self._comma:
             # A point beside decimal commas separates thousands, or the file is of two writers.
             if "." in cell:

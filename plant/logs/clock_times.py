@@ -1,0 +1,74 @@
+"""Cells that state an instant: a date and a time of day (ISO 8601), or a time of day alone."""
+
+import datetime
+import re
+
+# 2026-05-03T10:00:00.25+02:00, 2026/05/03 10:00:00, 03.05.2026 10:00:00,25 or 10:00:00.25. A date
+# such as 03/05/2026 is another day in another country, and is not read.
+_INSTANT = re.compile(
+    r"(?:(?:(?P<year>\d{4})[-/](?P<month>\d\d)[-/](?P<day>\d\d)"
+    r"|(?P<day_of>\d\d)\.(?P<month_of>\d\d)\.(?P<year_of>\d{4}))[T ]\s*)?"
+    r"(?P<hour>\d\d?):(?P<minute>\d\d):(?P<second>\d\d)(?:[.,](?P<fraction>\d{1,9}))?"
+    r"\s*(?:Z|(?P<sign>[+-])(?P<hours>\d\d):?(?P<minutes>\d\d))?",
+    re.ASCII,
+)
+_DAY = 86_400_000_000_000  # [ns]; whole nanoseconds keep the differences of dates exact
+
+
+def is_instant(cell: str) -> bool:
+    """Whether a cell states an instant.
+
+    Examples
+    --------
+    >>> is_instant("2026-05-03T10:00:00.25Z"), is_instant("10:00"), is_instant("0.25")
+    (True, False, False)
+    """
+    try:
+        return ":" in cell and nanoseconds(cell) is not None
+    except ValueError:
+        return False
+
+
+def nanoseconds(cell: str) -> int:
+    """The instant of a cell [ns], from an origin that all cells share.
+
+    Raises
+    ------
+    ValueError
+        If the cell states no instant.
+    """
+    match = _INSTANT.fullmatch(cell.strip().strip('"'))
+    if match is None:
+        raise ValueError
+    part = match.groupdict(default="0")
+    hour, minute, second = (int(part[name]) for name in ("hour", "minute", "second"))
+    # A leap second is 60.
+    if hour > 23 or minute > 59 or second > 60:
+        raise ValueError
+    days = 0
+    if match["year"] or match["year_of"]:
+        suffix = "" if match["year"] else "_of"
+        year, month, day = (int(part[name + suffix]) for name in ("year", "month", "day"))
+        days = datetime.date(year, month, day).toordinal()
+    # Time of day minus the distance of its zone from UTC.
+    zone = 60 * int(part["hours"]) + int(part["minutes"])
+    minutes = 60 * hour + minute - (zone if part["sign"] == "+" else -zone)
+    whole = (60 * minutes + second) * 1_000_000_000 + int(part["fraction"].ljust(9, "0"))
+    return days * _DAY + whole
+
+
+class ClockTimes:
+    """Instants of a table as seconds after the midnight before its first one.
+
+    So small numbers keep nanoseconds, which seconds since 1970 do not.
+    """
+
+    def __init__(self) -> None:
+        self._midnight: int | None = None
+
+    def __call__(self, cell: str) -> float:
+        """The instant of a cell [s]; ValueError if it states none."""
+        instant = nanoseconds(cell)
+        if self._midnight is None:
+            self._midnight = instant // _DAY * _DAY
+        return (instant - self._midnight) / 1e9
