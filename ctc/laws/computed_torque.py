@@ -326,7 +326,8 @@ class ComputedTorque(ModelLaw):
         # 1. What the reference needs now.
         gears = self.gears.at(self, setpoint, before, dt)
         speed = coupling.shaft(setpoint.qd)
-        friction = self.friction_model.at(before.friction, speed)
+        load = gears.needed - self.rig.drive.rotor_torque(setpoint.qdd)
+        friction = self.friction_model.at(before.friction, speed, load)
         needed = gears.needed + friction.needed
 
         # 2. Predict from the torque that really acted. The reference moved on while it was held:

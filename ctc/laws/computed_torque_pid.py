@@ -136,8 +136,11 @@ class ComputedTorquePID(ModelLaw):
         # 3. The low-pass, the acceleration, and the torque that it takes.
         value, rate = rolled_off(e, error_before, value, before.rate, corner, z, dt)
         acceleration = setpoint.qdd + integral + one * value + fast * rate
-        commanded = D @ acceleration + self.h(setpoint.q, setpoint.qd)
-        commanded = commanded + self.rig.drive.friction(setpoint.qd)
+        h = self.h(setpoint.q, setpoint.qd)
+        drive = self.rig.drive
+        load = D @ setpoint.qdd + h - drive.rotor_torque(setpoint.qdd)
+        commanded = D @ acceleration + h
+        commanded = commanded + drive.friction(setpoint.qd, load)
         return commanded, self.fields.write(
             n, read=1, integral=integral, error=e, value=value, rate=rate, commanded=commanded
         )

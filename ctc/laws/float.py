@@ -196,7 +196,7 @@ class Float(ModelLaw):
         begins = 2 * self.settings.cells * half_cell / self.leak
         excess = ca.fmax(ca.fabs(speed) - self.speed, 0)
         share = ca.fmax(1 - excess / (self.settings.taper * self.speed), 0)
-        viscous = self.rig.drive.joint_viscous()
+        viscous = self.rig.drive.joint_viscous(speed)
         friction = self.rig.drive.joint_coulomb(speed) * ca.tanh(speed / begins) + viscous * speed
         brake = viscous * ca.sign(speed) * excess
         acting = self.assist * share * friction - brake

@@ -27,14 +27,15 @@ class ShaftFriction(NamedTuple):
     """Friction of the shafts in one sample (n, 1 each).
 
     `speed` of the reference [rad/s]; `viscous` friction [N m s/rad] and Coulomb `level` [N m];
-    `needed`: joint torque that the reference needs for viscous friction and offset [N m];
-    `sweeps` over the joints for an impulse.
+    `needed`: joint torque that the reference needs for viscous friction and offset [N m]; `load`:
+    joint torque that the gears transmit [N m]; `sweeps` over the joints for an impulse.
     """
 
     speed: ca.SX
     viscous: ca.SX
     level: ca.SX
     needed: ca.SX | float
+    load: ca.SX
     sweeps: int
 
     def impulse(self, previous: ca.SX, time: ca.SX, mobility: Inverse, free: ca.SX) -> ca.SX:
@@ -63,11 +64,14 @@ class NoFriction:
     def __init__(self, law: Any) -> None:
         self.law = law
 
-    def at(self, memory: Any, speed: ca.SX) -> ShaftFriction:
-        """Friction in this sample, at the reference's speed of the shafts (n, 1) [rad/s]."""
+    def at(self, memory: Any, speed: ca.SX, load: ca.SX) -> ShaftFriction:
+        """Friction in this sample, at the reference's speed of the shafts (n, 1) [rad/s].
+
+        `load` (n, 1): joint torque that the gears transmit on the reference [N m].
+        """
         # Zeros, not a scalar: the state of a law without friction has the same length.
         zero = ca.SX.zeros(self.law.arm.n)
-        return ShaftFriction(speed, zero, zero, 0, self.law.settings.friction_sweeps)
+        return ShaftFriction(speed, zero, zero, 0, load, self.law.settings.friction_sweeps)
 
     def learn(
         self,
@@ -84,22 +88,23 @@ class NoFriction:
 class StatedFriction(NoFriction):
     """Coulomb and viscous friction as the rig of the law states them."""
 
-    def stated(self, speed: ca.SX) -> tuple[ca.SX, ca.SX]:
+    def stated(self, speed: ca.SX, load: ca.SX) -> tuple[ca.SX, ca.SX]:
         """Viscous friction [N m s/rad] and Coulomb level [N m] (n, 1) of the rig, on the shafts."""
         drive = self.law.rig.drive
-        return drive.joint_viscous(), drive.joint_coulomb(speed)
+        return drive.joint_viscous(speed), drive.loaded(drive.joint_coulomb(speed), load)
 
-    def at(self, memory: Any, speed: ca.SX) -> ShaftFriction:
+    def at(self, memory: Any, speed: ca.SX, load: ca.SX) -> ShaftFriction:
         """As of `NoFriction`."""
-        viscous, level = self.stated(speed)
-        return self._shafts(speed, viscous, level)
+        viscous, level = self.stated(speed, load)
+        return self._shafts(speed, viscous, level, load)
 
-    def _shafts(self, speed: ca.SX, viscous: ca.SX, level: ca.SX) -> ShaftFriction:
+    def _shafts(self, speed: ca.SX, viscous: ca.SX, level: ca.SX, load: ca.SX) -> ShaftFriction:
         drive = self.law.rig.drive
         # Viscous friction and the constant offset of the drive are fed forward; Coulomb friction
         # depends on the desired direction and is added by the law.
         needed = drive.coupling.joint_torque(viscous * speed + drive.joint_offset())
-        return ShaftFriction(speed, viscous, level, needed, self.law.settings.friction_sweeps)
+        sweeps = self.law.settings.friction_sweeps
+        return ShaftFriction(speed, viscous, level, needed, load, sweeps)
 
 
 class LearntFriction(StatedFriction):
@@ -118,11 +123,12 @@ class LearntFriction(StatedFriction):
         disturbance=per_joint(),
     )
 
-    def at(self, memory: Any, speed: ca.SX) -> ShaftFriction:
+    def at(self, memory: Any, speed: ca.SX, load: ca.SX) -> ShaftFriction:
         """As of `NoFriction`."""
-        viscous, level = self.stated(speed)
+        viscous, level = self.stated(speed, load)
         # A learnt share scales the rig's friction, so that zero is the rig's own.
-        return self._shafts(speed, viscous * (1 + memory.viscous), level * (1 + memory.coulomb))
+        shares = 1 + memory.viscous, 1 + memory.coulomb
+        return self._shafts(speed, viscous * shares[0], level * shares[1], load)
 
     def learn(
         self,
@@ -135,7 +141,7 @@ class LearntFriction(StatedFriction):
         """Shares of friction, and a disturbance torque less what they took over."""
         law = self.law
         coupling = law.rig.drive.coupling
-        viscous, level = self.stated(friction.speed)
+        viscous, level = self.stated(friction.speed, friction.load)
         drag = viscous * friction.speed
         heading = speed_share(law.rig, friction.speed, law.settings.sliding_speed)
 

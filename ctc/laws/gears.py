@@ -85,11 +85,12 @@ class _Model(NamedTuple):
     drag: ca.SX
 
 
-def _model_at(law: Any, q: ca.SX, qd: ca.SX, dt: ca.SX) -> _Model:
+def _model_at(law: Any, q: ca.SX, qd: ca.SX, speed: ca.SX, dt: ca.SX) -> _Model:
+    """The model at q and qd; `speed` (n, 1) of the reference's shafts decides on the friction."""
     D = law.arm.dynamics.D(q, law.arm.f)
     drive = law.rig.drive
     # A law that knows no friction predicts none: `friction` is 0 or 1 here.
-    drag = dt * drive.joint_viscous() * law.friction
+    drag = dt * drive.joint_viscous(speed) * law.friction
     return _Model(D, law.h(q, qd), drive.coupling.shaft_inertia(D), drag)
 
 
@@ -135,7 +136,8 @@ class RigidGears:
         if law.measured:
             q = q - state.error
             qd = qd - state.rate
-        model = _model_at(law, q, qd, dt)
+        speed = law.rig.drive.coupling.shaft(setpoint.qd)
+        model = _model_at(law, q, qd, speed, dt)
         # The observer's poles are a multiple of the regulator's, both in rad/s.
         observer = law.observer_ratio * law.bandwidth
         limit = law.rig.drive.torque_limit()
@@ -273,7 +275,7 @@ class ElasticGears:
         if law.measured:
             q = q - coupling.joint(memory.link_error)
             qd = qd - coupling.joint(memory.link_rate)
-        model = _model_at(law, q, qd, dt)
+        model = _model_at(law, q, qd, reference[1], dt)
         softness = law.settings.predicted_stiffness
         gears = cls(model.inertia, model.drag, rotors, drive.elasticity, law.gear_gains, softness)
         # Gravity and velocity torques of the links go through the gears, so they belong on the

@@ -143,9 +143,12 @@ class ModelLaw(Law):
         model = self.arm.dynamics
         f = self.arm.f
         parts = {"gravity": model.gravity(q, f)}
+        inertia = model.D(q, f) @ qdd
         if getattr(self, "friction", True):
-            parts["friction"] = self.rig.drive.friction(qd)
-        return parts | {"inertia": model.D(q, f) @ qdd}
+            drive = self.rig.drive
+            load = parts["gravity"] + inertia - drive.rotor_torque(qdd)
+            parts["friction"] = drive.friction(qd, load)
+        return parts | {"inertia": inertia}
 
     def block(self, rig: Rig) -> Block:
         # The law may run on another rig than its own, which must fit in what its equations assume.

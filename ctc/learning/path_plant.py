@@ -119,7 +119,8 @@ def _equations(arm: Arm, rig: Rig) -> tuple[ca.SX, ca.SX, ca.SX]:
     # standstill. Its torque is added along the reference by the caller.
     if elastic is None:
         q, qd = ca.vertsplit(x, n)
-        pushed = u - coupling.joint_torque(drive.joint_viscous() * coupling.shaft(qd))
+        speed = coupling.shaft(qd)
+        pushed = u - coupling.joint_torque(drive.joint_viscous(speed) * speed)
         accelerating = pushed - dynamics.h(q, qd, f) + rig.spring_torque(q)
         return x, u, ca.solve(dynamics.D(q, f), accelerating)
     q_m, q, qd_m, qd = ca.vertsplit(x, n)
@@ -131,7 +132,8 @@ def _equations(arm: Arm, rig: Rig) -> tuple[ca.SX, ca.SX, ca.SX]:
     # links' inertia, its value at zero acceleration their load.
     taken = gear_torque(dynamics, rig, q, qd, bend, f)
     links = ca.solve(ca.jacobian(taken, bend), carried - ca.substitute(taken, bend, ca.SX.zeros(n)))
-    pushed = coupling.shaft_torque(u) - carried - drive.joint_viscous() * coupling.shaft(qd_m)
+    speed = coupling.shaft(qd_m)
+    pushed = coupling.shaft_torque(u) - carried - drive.joint_viscous(speed) * speed
     return x, u, ca.vertcat(coupling.joint(pushed / drive.reflected_inertia()), links)
 
 

@@ -4,7 +4,7 @@ The residual of a friction that is not modelled looks like an offset, an elastic
 gain, so friction is tried before these are blamed.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -24,7 +24,7 @@ _ADVICE = {
     ASYMMETRIC: f"{_STATE}, and add drive.curve.offset[i] to unknown",
     LOAD_DEPENDENT: _STATE,
     STRIBECK: _STATE,
-    SATURATING: "trust the fit at the speeds of its logs only",
+    SATURATING: _STATE,
 }
 
 
@@ -39,17 +39,22 @@ class FrictionTrialSettings:
     enough : float
         Share of the squared error by which it must predict better.
     speeds : tuple of float
-        Stribeck speeds, and speeds at which viscous friction saturates, that are tried, relative to
-        the usual speed of each joint.
+        Stribeck speeds that are tried, relative to the usual speed of each joint.
     finer : tuple of float
         Ratios to a Stribeck speed that predicts better, which are tried then: of all joints, then
         of one after another.
+    saturations : tuple of float
+        Speeds from which on viscous friction saturates that are tried, in the same way.
+    wider : tuple of float
+        Ratios to such a speed, tried like the finer ones: a logarithm is less sharp than a peak.
     """
 
     clear: float = 3.0
     enough: float = 0.1
     speeds: tuple[float, ...] = (0.02, 0.1, 0.5)
     finer: tuple[float, ...] = (0.5, 0.63, 0.8, 1.25, 1.6, 2.0)
+    saturations: tuple[float, ...] = (0.1, 0.4, 1.6)
+    wider: tuple[float, ...] = (0.125, 0.25, 0.5, 2.0, 4.0, 8.0)
 
 
 SETTINGS = FrictionTrialSettings()
@@ -102,19 +107,17 @@ class FrictionTrial(Shown):
     def drive(self, drive: Drive) -> Drive:
         """A drive with this friction, to fit again and to compensate in controllers.
 
-        Friction of the load is not compensated.
-
         Raises
         ------
         ValueError
-            Of viscous friction that saturates, which no part of a drive describes; of a second
-            Stribeck speed.
+            Of a second Stribeck speed, or a second saturation.
         """
         # Joints that were not tried have none. Levels are on the shafts, a curve is of the motors.
         levels = np.nan_to_num(self.levels)
         # A drive refuses negative friction; a joint with a little of it has none.
         if self.kind == LOAD_DEPENDENT:
-            return replace(drive, load_friction=np.maximum(levels, 0.0))
+            stated = 0.0 if drive.load_friction is None else drive.load_friction.share
+            return replace(drive, load_friction=stated + np.maximum(levels, 0.0))
         curve = drive.curve or FrictionCurve(offset=0 * levels)
         if self.kind == ASYMMETRIC:
             curve = replace(curve, offset=curve.offset + levels / drive.gear)
@@ -130,11 +133,20 @@ class FrictionTrial(Shown):
             speed = np.array(self.share) * self.usual * gear
             breakaway = np.maximum(levels, 0.0) / gear
             curve = replace(curve, breakaway=breakaway, speed=speed)
-        else:
-            raise ValueError(
-                f"friction must be one that a drive has; got {self.kind} friction."
-                f" {_ADVICE[self.kind]}."
-            )
+        elif self.kind == SATURATING and self.share is not None:
+            if curve.saturation is not None:
+                raise ValueError(
+                    "a drive has one saturation of its viscous friction; this one states another."
+                    " Fit without it."
+                )
+            # A joint that was not tried stays in proportion to its speed.
+            tried = np.isfinite(self.levels)
+            speed = np.array(self.share) * self.usual
+            saturation = np.where(tried, speed * np.abs(drive.gear), np.inf)
+            # The level is slope times saturation, both of the joint.
+            slope = np.maximum(levels, 0.0) / speed / drive.gear**2
+            curve = replace(curve, saturation=saturation)
+            drive = replace(drive, viscous=np.where(tried, slope, drive.viscous))
         return replace(drive, curve=curve)
 
     def _short(self):
@@ -157,44 +169,47 @@ def friction_trials(
     gap: float,
     weights: Floats,
     usual: Floats,
+    viscous: Sequence[int] = (),
 ) -> tuple[FrictionTrial, ...]:
     """Trials of kinds of friction, best first.
 
     The last columns of the systems are those of each candidate, one for each of these joints.
 
     `seconds` (R,): length of each log. `gap` [s]: around a block, which is left out with it.
-    `weights` (R, n). `usual` (n,): speeds that a share is of [rad/s].
+    `weights` (R, n). `usual` (n,): speeds that a share is of [rad/s]. `viscous`: places of the
+    common columns that saturating friction replaces.
     """
     size = len(joints)
     count = systems[0].regressor.shape[2] - len(candidates) * size
 
-    def beside(columns: Iterable[int]) -> tuple[Floats, Floats]:
-        """Losses of a fit with these columns beside the common ones, and its values.
+    def beside(columns: Sequence[int], left_out: Sequence[int] = ()) -> tuple[Floats, Floats]:
+        """Losses of a fit with these columns beside the common ones, and their values.
 
         NaN where there are too few equations.
         """
         # The common columns come first in each system; the columns of the candidates follow, joint
         # by joint.
-        places = [*range(count), *columns]
+        places = [*(i for i in range(count) if i not in left_out), *columns]
         chosen = [replace(system, regressor=system.regressor[:, :, places]) for system in systems]
         fit = tried(chosen, seconds, gap, weights)
         # NaN compares as no gain, so a candidate without enough equations drops out below.
         if fit is None:
             return np.full(1, np.nan), np.empty(0)
-        return fit.losses(fit.without), fit.without
+        return fit.losses(fit.without), fit.without[:, len(places) - len(columns) :]
 
     # All candidates against the fit without any, on the same blocks.
     base = beside(())[0]
     trials = []
     for i, (kind, share) in enumerate(candidates):
-        losses, fits = beside(range(count + i * size, count + (i + 1) * size))
+        further = range(count + i * size, count + (i + 1) * size)
+        losses, fits = beside(further, viscous if kind == SATURATING else ())
         gains = (base - losses)[np.isfinite(base - losses)]
         # One block alone has no standard error.
         if len(gains) < 2:
             continue
         # The median: a block without slow motion may make a level any number.
         levels = np.full(weights.shape[1], np.nan)
-        levels[list(joints)] = np.nanmedian(fits[:, count:], axis=0)
+        levels[list(joints)] = np.nanmedian(fits, axis=0)
         # A negative level is another kind of friction; an offset may have either sign.
         if kind != ASYMMETRIC and np.nansum(levels) < 0:
             continue

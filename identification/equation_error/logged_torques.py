@@ -30,6 +30,7 @@ from identification.equation_error.regressor import (
     LINEAR,
     Filtering,
     System,
+    compared,
     regressor_along,
     regressor_and_torque,
 )
@@ -44,6 +45,7 @@ from plant.parts.frozen import frozen
 from plant.parts.settings import frozen_settings
 
 OFFSET = "drive.curve.offset"
+LOAD = "drive.load_friction"
 
 # Further columns by name: (q, qd, qdd) -> torque (N, n) per unit.
 Columns = Mapping[str, Callable[..., ArrayLike]]
@@ -61,11 +63,15 @@ class TorqueEquationSettings:
         Periods of a band that the longest log must hold.
     motion : float
         Highest frequency of the motion of a joint [Hz]: faster signals are vibration and rounding.
+    loads : int
+        Fits by which the load of the gears is found, where friction depends on it: each is wrong
+        by the share times the error of the one before.
     """
 
     lowest: float = 0.5
     periods: float = 4.0
     motion: float = 10.0
+    loads: int = 3
 
 
 SETTINGS = TorqueEquationSettings()
@@ -100,7 +106,7 @@ class TorqueEquations:
 
     `names`: of the columns, without the further ones: unknown or known. `extra`: further columns.
     `known`: values of some columns. `used` (R, n): of which logs and joints the torque is used.
-    `prior`: of f, or None.
+    `prior`: of f, or None. `loading` (p,) or None: f by which the gears are loaded.
     """
 
     dynamics: Dynamics
@@ -110,6 +116,24 @@ class TorqueEquations:
     known: Mapping[str, float]
     used: Bools
     prior: Prior | None = None
+    loading: Floats | None = None
+
+    def loaded(self, selection: Selection, weights: Floats | None) -> Self:
+        """The same with the load of the gears by the torques themselves, where friction needs it.
+
+        First without friction of the load, then with that of the load so far.
+        """
+        drive = self.logs[0].rig.drive
+        if drive.load_friction is None:
+            return self
+        shares = {name: 0.0 for name in self.names if name.startswith(LOAD)}
+        loading = None
+        task = replace(self, known={**self.known, **shares})
+        for _ in range(SETTINGS.loads):
+            fit = task.fit(selection, weights, thin=True)
+            loading = fit.f
+            task = replace(self, loading=loading)
+        return task
 
     def fit(
         self, selection: Selection, weights: Floats | None, *, thin: bool = False, **report: Any
@@ -142,27 +166,42 @@ class TorqueEquations:
         self, selection: Selection, *, thin: bool = False
     ) -> tuple[tuple[str, ...], list[System]]:
         """Names of the unknowns, and one system per log in these alone."""
-        band, cutoff, every, slowest = selection
         systems = []
         names = (*self.names, *self.extra)
-        for complete, used in zip(self.logs, self.used, strict=True):
-            log = thinned(complete, cutoff_of(band, cutoff)) if thin else complete
-            step = every_of(band, log.rig.period, every)
-            # A stated step counts rows of the whole log.
-            if every is not None and log is not complete:
-                step = max(1, round(every * complete.rig.period / log.rig.period))
+        for (log, filtering), used in zip(self.filtered(selection, thin), self.used, strict=True):
             system = regressor_and_torque(
                 self.dynamics,
                 log.q,
                 log.torque,
                 log.rig,
-                Filtering(cutoff_of(band, cutoff), band, step, slowest),
+                filtering,
                 self.names,
                 self.extra,
                 log.valid,
+                self.loading,
             )
             systems.append(replace(system, used=system.used & used))
         return without_known(names, self.known, systems)
+
+    def filtered(self, selection: Selection, thin: bool) -> Iterator[tuple[TorqueLog, Filtering]]:
+        """Each log, with no more samples than needed if `thin`, and how its rows are selected."""
+        band, cutoff, every, slowest = selection
+        for complete in self.logs:
+            log = thinned(complete, cutoff_of(band, cutoff)) if thin else complete
+            step = every_of(band, log.rig.period, every)
+            # A stated step counts rows of the whole log.
+            if every is not None and log is not complete:
+                step = max(1, round(every * complete.rig.period / log.rig.period))
+            yield log, Filtering(cutoff_of(band, cutoff), band, step, slowest)
+
+    def shapes(
+        self, selection: Selection, shapes: Sequence[Callable[[Motion], Floats]]
+    ) -> Iterator[Floats]:
+        """Torques of shafts along each thinned log (N', n, m), filtered as its equations are."""
+        for log, filtering in self.filtered(selection, True):
+            motion = derivatives(log.q, log.rig.period, filtering.cutoff)
+            signals = [0 * motion.q, *(shape(motion) for shape in shapes)]
+            yield compared(signals, motion.qd, log.rig.period, filtering).regressor
 
     @property
     def seconds(self) -> Floats:
@@ -437,13 +476,14 @@ def fit_torque(
     # friction of other kinds.
     selection = Selection(width, cutoff, every, slowest)
     try:
-        task = _offsets(task, selection, stated)
+        by_user = stated_offsets(task)
+        task = _offsets(task.loaded(selection, stated), selection, stated)
         # All settings of the fit are reported, chosen or stated: with them it can be repeated.
         report |= {"band": width, "cutoff": cutoff_of(width, cutoff), "least_speed": slowest}
         report["every"] = tuple(every_of(width, log.rig.period, every) for log in task.logs)
         report["freed"] = dict(_freed(task, selection, stated))
         fit = task.fit(selection, stated, extra=task.extra, **report)
-        friction = _friction(task, fit, selection._replace(every=None))
+        friction = _friction(task, fit, selection._replace(every=None), by_user)
         log = task.logs[0]
         arm = FittedArm(
             dynamics=task.dynamics,
@@ -502,17 +542,21 @@ def _chosen(
     return width, task.least(usual, share, width), trials
 
 
+def stated_offsets(task: TorqueEquations) -> bool:
+    """Whether the user has decided on offsets: states some, or names them unknown or known."""
+    curve = task.logs[0].rig.drive.curve
+    named = any(name.startswith(OFFSET) for name in task.names)
+    return named or (curve is not None and bool(curve.offset.any()))
+
+
 def _offsets(
     task: TorqueEquations, selection: Selection, weights: Floats | None
 ) -> TorqueEquations:
     """The same with unknown offsets of the joints that have evidence of one."""
     drive = task.logs[0].rig.drive
     unknown = set(task.names) - set(task.known)
-    # Where the user states offsets, or any is unknown or known, that is what there is.
-    decided = any(name.startswith(OFFSET) for name in task.names)
-    stated = drive.curve is not None and bool(drive.curve.offset.any())
     joints = [j for j in range(drive.n) if f"drive.coulomb[{j}]" in unknown]
-    if decided or stated or not joints:
+    if stated_offsets(task) or not joints:
         return task
     every = task.with_offsets(joints)
     try:
@@ -543,9 +587,12 @@ def _freed(
 
 
 def _friction(
-    task: TorqueEquations, fit: TorqueFit, selection: Selection
+    task: TorqueEquations, fit: TorqueFit, selection: Selection, asymmetric: bool
 ) -> tuple[FrictionTrial, ...]:
-    """Trials of friction beyond Coulomb and viscous, on joints with unknown Coulomb friction."""
+    """Trials of friction beyond Coulomb and viscous, on joints with unknown Coulomb friction.
+
+    `asymmetric`: whether offsets are tried, too; else the evidence has decided on them already.
+    """
     dynamics = task.dynamics
     rig = task.logs[0].rig
     usual = np.maximum(task.usual_speed(), 1e-9)
@@ -555,66 +602,84 @@ def _friction(
         j for j in range(dynamics.n) if f"drive.coulomb[{j}]" in fit.names and fit.sigma[j] > 0
     ]
 
-    def shape(motion: Motion, kind: str, share: Floats) -> Floats:
-        qd = coupling.shaft(motion.qd)
-        # Torque on the shafts for a level of 1, at the speeds of the shafts, where friction acts. A
-        # sum with zero gives an offset the shape of the speeds.
-        if kind == ASYMMETRIC:
-            return 1 + 0 * qd
-        # The load is the torque of the links by the fit itself; the friction acts against the
-        # speed.
-        if kind == LOAD_DEPENDENT:
-            regressor, _ = regressor_along(dynamics, rig, dynamics.names, motion)
-            return np.abs(coupling.shaft_torque((regressor * fit.f).sum(axis=2))) * np.sign(qd)
-        if kind == STRIBECK:
-            curve = FrictionCurve(offset=0 * usual, breakaway=1 + 0 * usual, speed=share * usual)
-            return curve.level(qd) * np.sign(qd)
-        return np.tanh(qd / (share * usual))
-
-    def column(kind: str, share: tuple[float, ...] | None, joint: int) -> Callable[..., Floats]:
-        of_joint = np.arange(dynamics.n) == joint
-        return lambda *motion: coupling.joint_torque(
-            shape(Motion(*motion), kind, np.array(share)) * of_joint
-        )
-
-    def trials(*candidates: tuple[str, tuple[float, ...] | None]) -> tuple[FrictionTrial, ...]:
-        # One column per candidate and joint beside the equations of the fit: all candidates share
-        # one filtering.
-        columns = {
-            f"{kind}, {share}, {j}": column(kind, share, j)
-            for kind, share in candidates
-            for j in joints
-        }
-        systems = replace(task, extra={**task.extra, **columns}).systems(selection, thin=True)[1]
-        # The weights of the fit itself, so that a gain is measured in its residual.
-        weights = np.tile(1 / fit.sigma, (len(task.logs), 1))
-        return friction_trials(
-            systems, candidates, joints, task.seconds, 1 / selection.band, weights, usual
-        )
-
     if not joints:
         return ()
-    # 1. All kinds, at coarse speeds.
-    at_speeds = [
-        (kind, (share,) * dynamics.n)
-        for share in FRICTION.speeds
-        for kind in (STRIBECK, SATURATING)
-    ]
-    ranked = trials((ASYMMETRIC, None), (LOAD_DEPENDENT, None), *at_speeds)
+    drive = rig.drive
+    curve = drive.curve or FrictionCurve(offset=0 * usual)
+    columns = [*task.systems(selection, thin=True)[1]]
+    # The weights of the fit itself, so that a gain is measured in its residual.
+    weights = np.tile(1 / fit.sigma, (len(task.logs), 1))
 
-    # 2. A Stribeck speed that leads is refined: for all joints together, then for one after
-    # another, each from the best so far.
+    def shape(kind: str, share: tuple[float, ...] | None) -> Callable[[Motion], Floats]:
+        """Torque on the shafts for a level of 1, at the speeds of the shafts."""
+        speed = usual if share is None else np.array(share) * usual
+
+        def torque(motion: Motion) -> Floats:
+            qd = coupling.shaft(motion.qd)
+            if kind == ASYMMETRIC:
+                # A sum with zero gives an offset the shape of the speeds.
+                return 1 + 0 * qd
+            if kind == LOAD_DEPENDENT:
+                # The load is the torque of the links by the fit itself.
+                regressor, _ = regressor_along(dynamics, rig, dynamics.names, motion)
+                load = (regressor * fit.f).sum(axis=2) - drive.rotor_torque(motion.qdd)
+                return np.abs(coupling.shaft_torque(load)) * np.sign(qd)
+            if kind == STRIBECK:
+                stribeck = FrictionCurve(offset=0 * usual, breakaway=1 + 0 * usual, speed=speed)
+                return stribeck.level(qd) * np.sign(qd)
+            # Viscous friction that saturates: its level is slope times saturation.
+            saturating = FrictionCurve(offset=0 * usual, saturation=speed)
+            return saturating.coefficient(1 / speed, qd) * qd
+
+        return torque
+
+    def trials(*candidates: tuple[str, tuple[float, ...] | None]) -> tuple[FrictionTrial, ...]:
+        made = task.shapes(selection, [shape(*candidate) for candidate in candidates])
+        systems = []
+        for system, torques in zip(columns, made, strict=True):
+            # Column by column, joint by joint: the torque of one shaft may act on several joints.
+            further = [
+                coupling.joint_torque(torques[:, :, i] * (np.arange(dynamics.n) == j))
+                for i in range(len(candidates))
+                for j in joints
+            ]
+            regressor = np.concatenate([system.regressor, np.stack(further, axis=2)], axis=2)
+            systems.append(replace(system, regressor=regressor))
+        # Viscous friction that saturates stands in place of the one in proportion.
+        places = [i for i, name in enumerate(fit.names) if name.startswith("drive.viscous")]
+        return friction_trials(
+            systems, candidates, joints, task.seconds, 1 / selection.band, weights, usual, places
+        )
+
+    # 1. All kinds that the drive does not state already, at coarse speeds.
+    viscous = all(f"drive.viscous[{j}]" in fit.names for j in joints)
+    kinds = list[tuple[str, tuple[float, ...] | None]]()
+    if asymmetric:
+        kinds.append((ASYMMETRIC, None))
+    if drive.load_friction is None:
+        kinds.append((LOAD_DEPENDENT, None))
+    for kind, shares, possible in (
+        (STRIBECK, FRICTION.speeds, curve.breakaway is None),
+        (SATURATING, FRICTION.saturations, viscous and curve.saturation is None),
+    ):
+        if possible:
+            kinds += [(kind, (share,) * dynamics.n) for share in shares]
+    ranked = trials(*kinds)
+
+    # 2. A speed that leads is refined: for all joints together, then for one after another, each
+    # from the best so far.
     groups = [joints]
     if len(joints) > 1:
         groups += [[joint] for joint in joints]
     for group in groups:
         best = ranked[0] if ranked else None
-        if best is None or best.kind != STRIBECK or not best.clear or not best.share:
+        if best is None or not best.clear or not best.share:
             continue
-        # Only the Stribeck speeds of this group vary; others stay at the best so far.
+        # Only the speeds of this group vary; others stay at the best so far.
         in_group = np.isin(np.arange(dynamics.n), group)
-        speeds = np.where(in_group, np.array(FRICTION.finer)[:, None], 1.0) * best.share
-        refined = trials(*((STRIBECK, tuple(row)) for row in speeds.tolist()))
+        finer = FRICTION.finer if best.kind == STRIBECK else FRICTION.wider
+        speeds = np.where(in_group, np.array(finer)[:, None], 1.0) * best.share
+        refined = trials(*((best.kind, tuple(row)) for row in speeds.tolist()))
         ranked = tuple(sorted((*ranked, *refined), key=lambda trial: -trial.better))
     return ranked
 

@@ -25,7 +25,13 @@ from plant.parts.checked_function import evaluated
 
 # Beginnings of the names of friction, in which the torque is linear, and of springs, in some of
 # whose numbers it is linear.
-LINEAR = ("drive.viscous", "drive.coulomb", "drive.curve.offset")
+LINEAR = (
+    "drive.viscous",
+    "drive.coulomb",
+    "drive.curve.offset",
+    "drive.curve.viscous_offset",
+    "drive.load_friction",
+)
 SPRINGS = "springs"
 
 # Ratio of the memory of a filter to the longest gap that it may pass over on a straight line;
@@ -119,16 +125,18 @@ def regressor_and_torque(
     unknown: Sequence[str],
     extra: Mapping[str, Callable[..., ArrayLike]],
     valid: Floats | None = None,
+    loading: Floats | None = None,
 ) -> System:
     """Regressor of the unknowns and measured torque less that of known numbers, both filtered.
 
     Rows whose filters feel the ends of the log, or a gap of samples without weight in `valid` (N,),
-    do not count; of a short gap, which is bridged, its own rows alone do not.
+    do not count; of a short gap, which is bridged, its own rows alone do not. `loading` (p,): f by
+    which the gears are loaded, as of `regressor_along`.
     """
     motion = derivatives(q, rig.period, filtering.cutoff)
     # The torque of known numbers moves to the side of the measurement, before both are filtered
     # alike.
-    regressor, stated = regressor_along(dynamics, rig, unknown, motion)
+    regressor, stated = regressor_along(dynamics, rig, unknown, motion, loading=loading)
     columns = [
         array(name, column(*motion), q.shape, advice="Give (N, n).")
         for name, column in extra.items()
@@ -189,17 +197,22 @@ def regressor_along(
     unknown: Sequence[str],
     motion: Motion,
     motors: Motion | None = None,
+    loading: Floats | None = None,
 ) -> tuple[Floats, Floats]:
     """Regressor of the unknowns (N, n, k), and the torque (N, n) of the known numbers.
 
     `motion`: of the links. `motors`: of the motors, as joints on rigid gears would have it, where
-    gears are elastic.
+    gears are elastic. `loading` (p,): f by which the gears are loaded, where friction depends on
+    that; none by default.
     """
     names, _ = balance(dynamics, rig, tuple(unknown), motors is not None)
     motions = (*motion, *(() if motors is None else motors[1:]))
     # With the unknowns at zero the torque of all numbers is that of the known ones: it is linear.
     values = np.concatenate([np.zeros(dynamics.p), rig.number_values()])
     values[[names.index(name) for name in unknown]] = 0.0
+    numbers = [values]
+    if rig.drive.load_friction is not None:
+        numbers.append(np.zeros(dynamics.p) if loading is None else loading)
     n = dynamics.n
     k = len(unknown)
     regressor = np.empty((len(motion.q), n, k))
@@ -209,7 +222,7 @@ def regressor_along(
         # Block by block: a map over a whole log would need memory for all its intermediate results.
         # The last block has a length, and so a function, of its own.
         mapped = _mapped(dynamics, rig, tuple(unknown), motors is not None, len(stated[rows]))
-        block, stated[rows] = evaluated(mapped, *(signal[rows] for signal in motions), values)
+        block, stated[rows] = evaluated(mapped, *(signal[rows] for signal in motions), *numbers)
         # casadi stores the columns of each sample one after another.
         regressor[rows] = block.reshape(-1, k, n).transpose(0, 2, 1)
     return regressor, stated
@@ -245,8 +258,9 @@ def linear(dynamics: Dynamics, rig: Rig, unknown: Iterable[str]) -> tuple[str, .
 def _mapped(dynamics, rig, unknown, elastic, count):
     """The function of `balance`, of so many samples at once."""
     of_sample = balance(dynamics, rig, unknown, elastic)[1]
-    # The numbers, its last input, are those of all samples.
-    return of_sample.map("balances", "serial", count, [of_sample.n_in() - 1], [])
+    # The numbers, its inputs after the motion of links and motors, are those of all samples.
+    numbers = range(5 if elastic else 3, of_sample.n_in())
+    return of_sample.map("balances", "serial", count, list(numbers), [])
 
 
 @functools.lru_cache(maxsize=16)
@@ -257,7 +271,8 @@ def balance(
 
     (q, qd, qdd, numbers) -> regressor of the unknowns, torque of these numbers.
 
-    Of elastic gears speed and acceleration of the motors come before the numbers.
+    Of elastic gears speed and acceleration of the motors come before the numbers. Where friction
+    depends on the load, f of the load comes after them: then the torque is linear in its share.
     """
     names = [*dynamics.names, *rig.number_names()]
     of_drive = [name for name in names if name.startswith((*LINEAR, SPRINGS))]
@@ -282,7 +297,12 @@ def balance(
     drive = rig.drive
     motors = [ca.SX.sym(name, n) for name in ("qd_m", "qdd_m")] if elastic else []
     tau = dynamics.Y(q, qd, qdd) @ numbers[: dynamics.p] - rig.spring_torque(q)
-    tau += drive.friction(motors[0] if elastic else qd)
+    loading = []
+    load = None
+    if drive.load_friction is not None:
+        loading = [ca.SX.sym("loading", dynamics.p)]
+        load = dynamics.Y(q, qd, qdd) @ loading[0] - drive.rotor_torque(qdd)
+    tau += drive.friction(motors[0] if elastic else qd, load)
     if elastic:
         # f holds the rotors, as if they turned with the links: they turn with the motors.
         tau += drive.rotor_torque(motors[1] - qdd)
@@ -299,5 +319,7 @@ def balance(
         if regressor[:, unknown.index(name)].is_zero():
             raise ValueError(f"unknown must act on the torque; {name} does not. Leave it out.")
     return names, ca.Function(
-        "balance", [q, qd, qdd, *motors, numbers], [regressor, ca.densify(tau)]
+        "balance",
+        [q, qd, qdd, *motors, numbers, *loading],
+        [regressor, ca.densify(tau)],
     )

@@ -111,7 +111,7 @@ def _of_log(arm, rig: Rig, log: TorqueLog, band: float, extra) -> tuple[Floats, 
     """Measured torque and error (N', n) in a band; NaN of a joint that was not measured."""
     dynamics = arm.dynamics
     motion = derivatives(log.q, log.rig.period, CUTOFF * band)
-    columns, known = regressor_along(dynamics, rig, dynamics.names, motion)
+    columns, known = regressor_along(dynamics, rig, dynamics.names, motion, loading=arm.f)
     predicted = (columns * arm.f).sum(axis=2) + known
     for column, value in extra.values():
         predicted = predicted + value * np.asarray(column(*motion))

@@ -412,7 +412,7 @@ def _equation(arm: Arm, rig: Rig, law: Law | None) -> tuple[ca.Function, ca.Func
     # Torque of the nominal arm along the motion, for the limits.
     moving, at_rest = lumped_torque(dynamics.chain, dynamics.lumping, q, qd, qdd, ca.SX(arm.f))
     # Coulomb friction jumps, so it is not in this torque, but in the rest of the amplifier's limit.
-    tau = moving + at_rest + rig.drive.joint_viscous() * qd - rig.spring_torque(q)
+    tau = moving + at_rest + rig.drive.joint_viscous(qd) * qd - rig.spring_torque(q)
     return (
         ca.Function("information", arguments, [ca.vec(scaled.T @ scaled)], names, ["M"]),
         ca.Function("tau", arguments, [tau], names, ["tau"]),

@@ -59,7 +59,7 @@ class Drive(Part):
     current_limit : (n,) array_like
         Largest current of the amplifier [A]; infinity means no limit.
     curve : FrictionCurve, optional
-        Friction offset (unequal levels of the two directions) and Stribeck effect.
+        Friction that differs by direction, the Stribeck effect, viscous friction that saturates.
     coupling : Coupling, optional
         Coupling of motors that move several joints; the same as the chain's.
     elasticity : Elasticity, optional
@@ -296,10 +296,17 @@ class Drive(Part):
             return self.coupling.joint_torque(np.clip(shaft, -limit, limit))
         return self.coupling.joint_torque(ca.fmin(ca.fmax(shaft, -ca.fabs(limit)), ca.fabs(limit)))
 
-    def joint_viscous(self) -> Floats:
-        """Viscous friction b k^2 [N m s/rad], on the joint (of coupled motors: on the shaft)."""
+    def joint_viscous(self, qd: ArrayOrSymbols = 0.0) -> Any:
+        """Viscous friction b k^2 [N m s/rad], on the joint (or shaft) at speeds qd [rad/s].
+
+        Times the speed it is the torque, also where it saturates.
+        """
+        viscous = self.viscous
+        # The curve takes the speed of the motor, as the Coulomb level does.
+        if self.curve is not None:
+            viscous = self.curve.coefficient(viscous, self.gear * qd)
         # k enters squared: once for the speed of the motor, once for its torque.
-        return self.viscous * self.gear * self.gear
+        return viscous * self.gear * self.gear
 
     def joint_coulomb(self, qd: ArrayOrSymbols = 0.0) -> ArrayOrSymbols:
         """Coulomb level c abs(k) [N m] on the joint (or shaft) at speeds qd [rad/s]."""
@@ -331,13 +338,26 @@ class Drive(Part):
         # Signed k: the offset has the direction of the motor, not of the motion.
         return 0.0 if self.curve is None else self.gear * self.curve.offset
 
-    def friction(self, qd: ArrayOrSymbols) -> ArrayOrSymbols:
-        """Friction torque [N m], joint side, at joint speeds qd; no Coulomb part at rest."""
+    def friction(self, qd: ArrayOrSymbols, load: ArrayOrSymbols | None = None) -> ArrayOrSymbols:
+        """Friction torque [N m], joint side, at joint speeds qd; no Coulomb part at rest.
+
+        `load`: joint torque [N m] that the gears transmit; None leaves its friction out.
+        """
         qd = self.coupling.shaft(qd)
         # sign(0) = 0: at rest a feed-forward does not know which way friction points.
         sign = np.sign(qd) if isinstance(qd, np.ndarray) else ca.sign(qd)
-        shaft = self.joint_viscous() * qd + self.joint_coulomb(qd) * sign + self.joint_offset()
+        level = self.loaded(self.joint_coulomb(qd), load)
+        shaft = self.joint_viscous(qd) * qd + level * sign + self.joint_offset()
         return self.coupling.joint_torque(shaft)
+
+    def loaded(self, level: ArrayOrSymbols, load: ArrayOrSymbols | None) -> ArrayOrSymbols:
+        """Coulomb level [N m] of the shafts with that of a joint torque which the gears transmit.
+
+        `load` [N m]; None leaves it out.
+        """
+        if load is None or self.load_friction is None:
+            return level
+        return level + self.load_friction.level(self.coupling.shaft_torque(load))
 
     def rotor_torque(self, qdd: ArrayOrSymbols) -> ArrayOrSymbols:
         """Torque that accelerates the rotors alone [N m], joint side, for qdd on rigid gears."""

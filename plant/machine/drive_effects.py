@@ -138,9 +138,9 @@ class LoadFriction(Part):
                 " 0.1."
             )
 
-    def level(self, load: SX) -> SX:
+    def level(self, load: ArrayOrSymbols) -> ArrayOrSymbols:
         """Rise of the Coulomb level [N m] under a transmitted torque [N m], both on the shaft."""
-        return self.share * ca.fabs(load)
+        return self.share * (np.abs(load) if isinstance(load, np.ndarray) else ca.fabs(load))
 
 
 @part

@@ -41,10 +41,9 @@ class FrictionStep:
     # Whether the friction is regularised, and so differentiable.
     smooth: bool
 
-    @property
-    def viscous(self) -> Any:
-        """Viscous friction [N m s/rad]."""
-        return self._drifted(self.drive.joint_viscous())
+    def viscous(self, speed: ca.SX) -> Any:
+        """Viscous friction per speed of the shafts [N m s/rad], at their speed [rad/s]."""
+        return self._drifted(self.drive.joint_viscous(speed))
 
     def __call__(
         self, inverse: Inverse, stopping: ca.SX, speed: ca.SX, load: ca.SX | None = None
@@ -112,8 +111,8 @@ def rigid(
     """
     drive = rig.drive
     coupling = drive.coupling
-    viscous = friction.viscous
     speed = coupling.shaft(qd)
+    viscous = friction.viscous(speed)
     # Viscous friction acts at the mean of both speeds: half of it joins the inertia, so that a step
     # of any length is stable.
     mobility = inverse(coupling.shaft_inertia(dynamics.D(middle, f)) + ca.diag(h / 2 * viscous))
@@ -157,12 +156,12 @@ def elastic(
     joints on rigid gears would have them.
     """
     drive = rig.drive
-    viscous = friction.viscous
     coupling = drive.coupling
     rotors = drive.reflected_inertia()
     motor_position, motor_speed = motor
     link_position, link_speed = link
     speed = coupling.shaft(motor_speed)
+    viscous = friction.viscous(speed)
     v = coupling.shaft(link_speed)
 
     # 1. The spring between both. D contains the rotors, which are the motors' part.
@@ -211,7 +210,7 @@ def _transmitted(drive, friction, torque, speed, change):
     h = friction.h
     # Viscous friction at the mean speed of the step, offset, and acceleration of the rotor.
     motor_share = (
-        friction.viscous * (speed + change / 2)
+        friction.viscous(speed) * (speed + change / 2)
         + drive.joint_offset()
         + drive.reflected_inertia() * change / h
     )

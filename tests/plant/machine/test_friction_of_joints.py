@@ -1,0 +1,100 @@
+"""Friction that real joints have: its equation, and its simulation against another integrator."""
+
+import dataclasses
+
+import casadi as ca
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from plant import FrictionCurve, LoggedTorque, Record, puma560, replay
+
+GEAR = puma560.rig().drive.gear
+CURVES = {
+    "saturating": FrictionCurve(offset=(0, 0), saturation=(20.0, 40.0)),
+    "by direction": FrictionCurve(offset=(0.02, -0.03), viscous_offset=(4e-4, -6e-4)),
+    "both": FrictionCurve(
+        offset=(0.02, -0.03), viscous_offset=(4e-4, -6e-4), saturation=(20.0, np.inf)
+    ),
+}
+
+
+def drive_with(curve, **fields):
+    return dataclasses.replace(puma560.rig().drive, curve=curve, **fields)
+
+
+def expected(curve, qd):
+    """Motor side, from the definitions; then through the gear."""
+    drive = puma560.rig().drive
+    v = GEAR * qd
+    b = drive.viscous + (0 if curve.viscous_offset is None else curve.viscous_offset * np.sign(v))
+    s = curve.saturation
+    lubricant = v if s is None else np.where(np.isinf(s), v, s * np.arcsinh(v / s))
+    return GEAR * (b * lubricant + drive.coulomb * np.sign(v) + curve.offset)
+
+
+@pytest.mark.parametrize("name", CURVES)
+def test_friction_is_that_of_its_definition_in_numbers_and_symbols(name):
+    drive = drive_with(CURVES[name])
+    qd = np.random.default_rng(0).normal(size=(50, 2))
+    qd[0] = 0
+    wanted = np.array([expected(CURVES[name], row) for row in qd])
+    np.testing.assert_allclose(drive.friction(qd), wanted, rtol=1e-9, atol=1e-12)
+    x = ca.SX.sym("qd", 2)
+    symbolic = ca.Function("friction", [x], [drive.friction(x)])
+    got = np.array([symbolic(row).full().ravel() for row in qd])
+    np.testing.assert_allclose(got, wanted, rtol=1e-9, atol=1e-12)
+
+
+def test_a_curve_without_them_is_the_same_to_the_bit():
+    plain = FrictionCurve(offset=(0.02, -0.03), breakaway=(0.1, 0.1), speed=(5.0, 5.0))
+    wide = dataclasses.replace(plain, saturation=(np.inf, np.inf), viscous_offset=(0, 0))
+    qd = np.random.default_rng(0).normal(size=(50, 2))
+    np.testing.assert_array_equal(
+        drive_with(plain).friction(qd), drive_with(plain).friction(qd, 3 * qd)
+    )
+    np.testing.assert_allclose(drive_with(wide).friction(qd), drive_with(plain).friction(qd), 1e-9)
+
+
+def test_load_raises_the_level_alone():
+    drive = drive_with(None, load_friction=(0.1, 0.05))
+    qd, load = np.array([[0.5, -0.4], [-0.2, 0.3]]), np.array([[10.0, -4.0], [-3.0, 2.0]])
+    rise = drive.friction(qd, load) - drive.friction(qd)
+    np.testing.assert_allclose(rise, np.array([0.1, 0.05]) * np.abs(load) * np.sign(qd), rtol=1e-12)
+    np.testing.assert_array_equal(drive.friction(qd), drive_with(None).friction(qd))
+
+
+@pytest.mark.parametrize("name", CURVES)
+def test_the_simulation_is_that_of_another_integrator(name):
+    """Torques in open loop that never let a joint stop, by Runge-Kutta of order 8."""
+    arm, rig = puma560.literature_arm(1.5), puma560.rig()
+    rig = dataclasses.replace(rig, drive=drive_with(CURVES[name], coulomb=(0, 0)))
+    t = np.arange(0, 0.5, rig.period)
+    torque = np.array([120.0, -60.0]) * np.sin(4 * t)[:, None] + np.array([60.0, 30.0])
+    zero = np.zeros((len(t), 2))
+    start = np.array([[-0.8, 0.8], [0.0, 0.0]])
+    record = Record(
+        t=t, reference_pulses=zero, error_pulses=zero, torque=torque, rig=rig, law=LoggedTorque(),
+        initial=start,
+    )  # fmt: skip
+    got = rig.cell_centre(replay(arm, record, steps_per_sample=16).counts)
+
+    def slope(time, state):
+        q, qd = state[:2], state[2:]
+        held = torque[min(int(time / rig.period + 1e-9), len(t) - 1)]
+        return [*qd, *arm.forward(q, qd, held - expected_viscous(qd))]
+
+    def expected_viscous(qd):
+        curve = CURVES[name]
+        return expected(curve, qd) - GEAR * puma560.rig().drive.coulomb * np.sign(GEAR * qd)
+
+    run = solve_ivp(
+        slope, (0, t[-1]), start.ravel(), "DOP853", t, rtol=1e-8, atol=1e-10, max_step=rig.period
+    )
+    assert np.ptp(run.y[0]) > 0.3
+    np.testing.assert_allclose(got, run.y[:2].T, atol=3e-4)
+
+
+def test_bad_curves_are_refused():
+    with pytest.raises(ValueError, match="saturation"):
+        FrictionCurve(offset=(0, 0), saturation=(0.0, 1.0))
