@@ -29,7 +29,8 @@ def expected(curve, qd):
     v = GEAR * qd
     b = drive.viscous + (0 if curve.viscous_offset is None else curve.viscous_offset * np.sign(v))
     s = curve.saturation
-    lubricant = v if s is None else np.where(np.isinf(s), v, s * np.arcsinh(v / s))
+    s = np.full(2, 1e9) if s is None else np.minimum(s, 1e9)
+    lubricant = s * np.arcsinh(v / s)
     return GEAR * (b * lubricant + drive.coulomb * np.sign(v) + curve.offset)
 
 
