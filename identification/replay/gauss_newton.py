@@ -141,8 +141,6 @@ def gauss_newton(
         return with_weak_directions(residual, values, step, varied, slopes).slopes
 
     # 1. Search.
-    # Expected values far below the accuracy of a slope need directions that are exact.
-    weak = residual.dependent < IDENTIFIABLE.products
     settings = replace(SETTINGS, rounds=rounds, tolerance=tolerance)
     point = Descent(values, innovations, np.empty((0, 0)))
     del innovations  # The point replaces them; a long log has no room for both.
@@ -154,20 +152,18 @@ def gauss_newton(
         solve,
         settings,
         shorten_jumps=True,
-        measured=measured if weak else None,
+        measured=measured,
     )
 
     # 2. Covariance, from slopes at the values that the search ended with.
     if point.moved:
         point.slopes = np.empty((0, 0))
         point.slopes = slopes(residual, point.values, step, varied, point.innovations, bounds)
-    undetermined = np.zeros((0, len(values)))
-    if weak:
-        point.slopes, directions = with_weak_directions(
-            residual, point.values, step, varied, point.slopes
-        )
-        undetermined = np.zeros((len(directions), len(values)))
-        undetermined[:, varied] = directions * step[varied]
+    point.slopes, directions = with_weak_directions(
+        residual, point.values, step, varied, point.slopes
+    )
+    undetermined = np.zeros((len(directions), len(values)))
+    undetermined[:, varied] = directions * step[varied]
     # An unknown that was not varied is exact: its row is zero.
     covariance = np.zeros((len(values), len(values)))
     # In pulses, so that solutions with other weights can be compared.

@@ -7,7 +7,6 @@ would pass for knowledge. Therefore a weak direction is simulated as a whole: wh
 machine then cancels in the simulation. What remains below the accuracy of a slope is no knowledge.
 """
 
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -15,10 +14,11 @@ import numpy as np
 from identification.equation_error.least_squares import IDENTIFIABLE, NotIdentifiableError
 from identification.replay.residual import Residual
 from plant.parts.fields import Bools, Floats, Integers
+from plant.parts.settings import frozen_settings
 from plant.parts.sums import norm, products
 
 
-@dataclass(frozen=True, kw_only=True)
+@frozen_settings
 class WeakDirectionSettings:
     """Shares of the slopes of the unknowns that remain in a direction; chosen by hand.
 
@@ -27,6 +27,8 @@ class WeakDirectionSettings:
     measured : float
         Share below which the slope of a direction is simulated: slopes of single unknowns are exact
         to about a thousandth.
+    remembered : float
+        The same beside an unknown state of a law, whose slopes cancel by design.
     determined : float
         Share below which a direction is not determined by the readings; the share that the slope of
         an unknown must have, too.
@@ -35,12 +37,16 @@ class WeakDirectionSettings:
         for weak directions ends.
     rounds : int
         Searches for weak directions, each with the slopes of the previous one.
+    together : int
+        Directions that are simulated at once.
     """
 
-    measured: float = 1e-2
+    measured: float = 3e-3
+    remembered: float = 1e-2
     determined: float = IDENTIFIABLE.slopes
     agreement: float = 0.1
     rounds: int = 5
+    together: int = 4
 
 
 SETTINGS = WeakDirectionSettings()
@@ -56,10 +62,11 @@ class Slopes(NamedTuple):
 def with_weak_directions(
     residual: Residual, values: Floats, step: Floats, varied: Integers, slopes: Floats
 ) -> Slopes:
-    """Slopes whose weak directions are simulated; those that readings do not determine are zero.
+    """Slopes whose weak directions are simulated.
 
-    Rows that are no readings stay as they are: an expected value determines what the readings do
-    not.
+    Beside expected values of a law's state, directions that no reading determines have no slope in
+    the readings. Rows that are no readings stay as they are: an expected value determines what the
+    readings do not. Elsewhere the least squares refuse such a direction.
 
     Parameters
     ----------
@@ -71,36 +78,49 @@ def with_weak_directions(
     varied : (v,) numpy.ndarray
         Places of the unknowns that are varied.
     slopes : (M, v) numpy.ndarray
-        Change of the innovations per step.
+        Change of the innovations per step; it may be overwritten.
 
     Raises
     ------
     NotIdentifiableError
         No row determines a direction.
     """
+    none = np.empty((0, len(varied)))
     readings = residual.weights > 0
     lengths = np.sqrt(np.einsum("mi,mi->i", slopes[readings], slopes[readings]))
     # An unknown that does not act at all is named by the least squares.
     if not lengths.all():
-        return Slopes(slopes, np.empty((0, len(varied))))
-    scaled = slopes / lengths
+        return Slopes(slopes, none)
+    # Expected values far below the accuracy of a slope need directions that are exact.
+    expected = residual.dependent < IDENTIFIABLE.products
+    weak = SETTINGS.remembered if expected else SETTINGS.measured
+    if np.linalg.eigvalsh(_products(slopes, readings, lengths))[0] >= weak**2:
+        return Slopes(slopes, none)
+
     # 1. Simulate the weak directions. Better slopes turn them, so this is repeated.
+    scaled = slopes / lengths
+    unit = np.ones(len(varied))
     for _ in range(SETTINGS.rounds):
-        squares, axes = np.linalg.eigh(products(scaled[readings]))
+        squares, axes = np.linalg.eigh(_products(scaled, readings, unit))
+        directions = axes.T[squares < weak**2]
         settled = True
-        for axis in axes.T[squares < SETTINGS.measured**2]:
-            slope = _along(residual, values, step, varied, axis / lengths)
-            # Where the arm leaves the log the differences of single unknowns stay.
-            if not np.isfinite(slope).all():
-                continue
-            change = slope - scaled @ axis
-            scaled += np.outer(change, axis)
-            settled &= norm(change[readings]) < SETTINGS.agreement * SETTINGS.determined
+        for begin in range(0, len(directions), SETTINGS.together):
+            block = directions[begin : begin + SETTINGS.together]
+            measured = _along(residual, values, step, varied, block / lengths)
+            for axis, slope in zip(block, measured, strict=True):
+                # Where the arm leaves the log the differences of single unknowns stay.
+                if not np.isfinite(slope).all():
+                    continue
+                change = slope - scaled @ axis
+                scaled += np.outer(change, axis)
+                settled &= norm(change[readings]) < SETTINGS.agreement * SETTINGS.determined
         if settled:
             break
+    if not expected:
+        return Slopes(scaled * lengths, none)
 
     # 2. What is below the accuracy of a slope is no slope.
-    squares, axes = np.linalg.eigh(products(scaled[readings]))
+    squares, axes = np.linalg.eigh(_products(scaled, readings, unit))
     undetermined = []
     for axis in axes.T[squares < SETTINGS.determined**2]:
         _require_expectation(residual, varied, axis, scaled @ axis, readings)
@@ -109,14 +129,21 @@ def with_weak_directions(
     return Slopes(scaled * lengths, np.reshape(undetermined, (-1, len(varied))))
 
 
-def _along(residual, values, step, varied, direction):
-    """Slope (M,) of a direction (v,) in steps, by a central difference."""
+def _products(slopes, readings, lengths):
+    """Products (v, v) of the slopes (M, v) of the readings, over their lengths (v,)."""
+    rows = slopes if readings.all() else slopes[readings]
+    return products(rows) / np.outer(lengths, lengths)
+
+
+def _along(residual, values, step, varied, directions):
+    """Slopes (d, M) of directions (d, v) in steps, by central differences."""
     # The longest way on which no unknown moves further than its own difference.
-    length = 1 / np.abs(direction).max()
-    move = np.zeros(len(values))
-    move[varied] = step[varied] * direction * length
-    up, down = residual.all_innovations([values + move, values - move])
-    return (up - down) / (2 * length)
+    lengths = 1 / np.abs(directions).max(axis=1)
+    moves = np.zeros((len(directions), len(values)))
+    moves[:, varied] = step[varied] * directions * lengths[:, None]
+    rows = residual.all_innovations([*(values + moves), *(values - moves)])
+    pairs = zip(rows[: len(moves)], rows[len(moves) :], lengths, strict=True)
+    return [(up - down) / (2 * length) for up, down, length in pairs]
 
 
 def _require_expectation(

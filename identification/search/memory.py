@@ -21,6 +21,8 @@ from identification.search.outcome import Fit, Outcome
 from identification.search.problem import Problem
 from plant import Arm, Law, Record, Resumed, Rig, replay
 from plant.laws.resumed import AlongLog
+from plant.machine.inner_loop import InnerLoop
+from plant.simulation.followed_path import in_motion
 
 # Steps of the differences, in standard deviations of the unknowns: small beside their likelihood.
 _STEP = 0.05
@@ -72,6 +74,20 @@ def with_memory(problem: Problem, fitted: Callable[[Problem], Outcome]) -> Outco
     return resumed if _refuted(began_near, began.fit, resumed.fit, memories) else began
 
 
+def with_starts(problem: Problem) -> Problem:
+    """The problem with position and speed at the first sample unknown where a log was cut.
+
+    The counts show both only roughly, and a soft loop remembers its start for a second.
+    """
+    memories = list(problem.memories or [None] * len(problem.records))
+    for k, record in enumerate(problem.records):
+        # Of a servo's log the first samples are left out in place of this.
+        if memories[k] is None and in_motion(record) and not isinstance(record.law, InnerLoop):
+            state = record.law.state if isinstance(record.law, Resumed) else np.empty(0)
+            memories[k] = Memory.known(state)
+    return problem if not any(memories) else replace(problem, memories=tuple(memories))
+
+
 def _refuted(fresh, began, resumed, memories):
     """Whether a log refutes that its laws started with it.
 
@@ -118,7 +134,13 @@ def as_repeated(
     records: Sequence[Record], resumptions: Sequence[Resumption | None]
 ) -> tuple[Record, ...]:
     """Records to simulate again: their laws resume from the fitted states, or those of the log."""
-    return resumed_at(records, resumptions) if resumptions else tuple(map(begun, records))
+    if not resumptions:
+        return tuple(map(begun, records))
+    fitted = resumed_at(records, resumptions)
+    return tuple(
+        begun(record) if resumption is None else record
+        for record, resumption in zip(fitted, resumptions, strict=True)
+    )
 
 
 def run_again(record: Record, arm: Arm, rig: Rig, law: Law) -> Record:
@@ -179,8 +201,9 @@ def resumed_at(
             law: Any = record.law
             if isinstance(law, Resumed):
                 law = replace(law, state=state)
-            # A simulation in closed loop runs the controller itself, not its log.
-            if not isinstance(law, AlongLog) or not reading:
+            # A simulation in closed loop runs the controller itself, not its log; one without a
+            # memory has nothing to resume but the motion of the arm.
+            if state.size and (not isinstance(law, AlongLog) or not reading):
                 law = Resumed(law=law.law if isinstance(law, Resumed) else law, state=state)
             record = replace(record, law=law, initial=resumption.initial)
         resumed.append(record)

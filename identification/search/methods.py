@@ -15,7 +15,7 @@ from identification.replay.objective import Objective
 from identification.replay.timing import delay_of, is_late
 from identification.search.elastic import elastic
 from identification.search.genetic import GeneticSettings, minimize_genetic
-from identification.search.memory import with_memory
+from identification.search.memory import repeating, with_memory, with_starts
 from identification.search.outcome import Fit, Outcome
 from identification.search.polish import (
     arm_of_torques,
@@ -137,6 +137,7 @@ def _followed(problem, *, simulated=False):
 
     Logged torques that no arm follows by prediction still give one by the torque equation.
     """
+    problem = with_starts(problem)
     reason: ValueError
     try:
         values, step = start_of_fit(problem, torque_fit(problem))
@@ -177,6 +178,7 @@ def seeded(problem: Problem) -> Outcome:
         return prediction_error(problem)
 
     # 1. Equation error; with many unknowns the fit follows at once.
+    problem = with_starts(problem)
     values, step = start_of_fit(problem, torque_fit(problem))
     if len(values) > SEEDED.direct and problem.settings == GeneticSettings.paper():
         with contextlib.suppress(ValueError):
@@ -184,7 +186,7 @@ def seeded(problem: Problem) -> Outcome:
                 "direct", lambda: polished(problem, values, step, {"equation error": values})
             )
             # Even a good fit is refused if none of its neighbours can be simulated.
-            neighbours, costs = _neighbours(problem, direct.fit)
+            neighbours, costs = _neighbours(_resumed(problem, direct.fit), direct.fit)
             if direct.fit.fallback_reason is None and np.isfinite(costs.min()):
                 return _with_best(direct, neighbours, costs)
 
@@ -202,12 +204,14 @@ def seeded(problem: Problem) -> Outcome:
     # 3. Prediction error from its best, and the neighbour with the least objective (4).
     outcome = problem.checkpoint.stage("fit", lambda: polished(problem, result.x, step, stages))
     fit = outcome.fit
-    neighbours, costs = _neighbours(problem, fit)
+    resumed = _resumed(problem, fit)
+    neighbours, costs = _neighbours(resumed, fit)
     outcome = replace(outcome, genetic=result, evaluations=result.evaluations + outcome.evaluations)
     if fit.fallback_reason is None and np.isfinite(costs.min()):
         best = _with_best(outcome, neighbours, costs)
-        # Objective (4) of parts cannot be compared with that of all samples.
-        cost = result.cost if part is problem else float(problem.costs(result.x[None])[0])
+        # Objective (4) of parts, or of other starts, cannot be compared with that of the fit.
+        same = part is problem and resumed is problem
+        cost = result.cost if same else float(resumed.costs(result.x[None])[0])
         if not _only_genetic(problem, best.fit, float(costs.min()), cost):
             return best
 
@@ -228,6 +232,12 @@ def seeded(problem: Problem) -> Outcome:
         unknown=problem.unknown, values=result.x, candidates=result.x[None], fallback_reason=reason
     )
     return replace(outcome, fit=fit, message=message)
+
+
+def _resumed(problem, fit):
+    """The problem whose objective (4) begins where the fit found law and arm."""
+    objective = repeating(problem, problem.objective, fit.resumptions)
+    return problem if objective is problem.objective else replace(problem, objective=objective)
 
 
 def _box(problem, values, step):

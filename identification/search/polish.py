@@ -334,8 +334,9 @@ def _searched(
     Far from the log, with observer gains at their lower bounds, a fit no longer follows it. The
     inertia of a joint that is little more than its rotor's has a second optimum below zero.
     """
-    # Without memories the innovations are linear enough for free gains from the start.
-    staged = gains if problem.memories else None
+    # Without memories of laws the innovations are linear enough for free gains from the start.
+    remembered = any(memory is not None and memory.usual.size for memory in problem.memories)
+    staged = gains if remembered else None
     best = by_stages(prediction, start, steps, bounds, staged)
 
     def better(values, gains):

@@ -40,16 +40,23 @@ class PathSettings:
     missed : float
         Share of the samples that may have another count than the log, which rounding explains.
     start : int
-        Samples from which the initial speed is estimated.
+        Samples from which a parabola gives the initial speed.
+    degrees : tuple of int
+        Degrees of the polynomials, each through samples in proportion, the least noise first.
     deviation : float
-        Largest deviation of these samples' counts from a parabola [pulses] that rounding explains.
+        Largest deviation of these samples' counts from them [pulses] that rounding explains.
+    speed : float
+        Pulses per sample from which on the speed of these samples is clearly another one than the
+        reference's: rounding leaves it open to 0.13 (standard deviation).
     """
 
     shortest: int = 50
     longest: int = 100_000
     missed: float = 0.05
     start: int = 10
+    degrees: tuple[int, ...] = (2, 4)
     deviation: float = 1.5
+    speed: float = 0.5
 
 
 SETTINGS = PathSettings()
@@ -237,29 +244,56 @@ def start_of(record: Record, path: Path | Logged) -> Any:
     coupling = record.rig.drive.coupling
     apart = np.abs(record.error_pulses[0]) >= 1
     q = coupling.joint(np.where(apart, coupling.shaft(counted), coupling.shaft(q)))
+    counted_speed = _initial_speed(record)
     # Goals that are held say nothing of a speed.
-    path_moves = record.reference is not None and not record.reference.held
-    return q, qd if path_moves else _initial_speed(record)
+    if record.reference is None or record.reference.held:
+        return q, counted_speed
+    # The counts of the first samples give the speed only roughly.
+    difference = np.abs(record.rig.position_in_pulses(counted_speed - qd)) * record.rig.period
+    clear = apart & (difference > SETTINGS.speed)
+    # A joint that stands still before the motion keeps the speed of its reference.
+    moving = np.abs(coupling.shaft(counted_speed)) > 0
+    speeds = np.where(clear & moving, coupling.shaft(counted_speed), coupling.shaft(qd))
+    return q, coupling.joint(speeds)
+
+
+def in_motion(record: Record) -> bool:
+    """Whether a controller had been moving the arm before the first sample.
+
+    Then position and speed at the first sample are known to the accuracy of the counts alone.
+    """
+    if record.law is None or record.law.replays or record.initial is not None:
+        return False
+    apart = np.abs(record.error_pulses[0]) >= 1
+    return bool((apart & (np.abs(record.rig.position_in_pulses(_initial_speed(record))) > 0)).any())
 
 
 def _initial_speed(record: Record) -> Floats:
-    """Initial speed (n,) [rad/s] of a parabola through the counts of the start.
+    """Initial speed (n,) [rad/s] of a polynomial through the counts of the start.
 
     Zero where they hardly move, or where a controller was switched on: there they are on no
-    parabola.
+    polynomial.
     """
     polynomial = np.polynomial.polynomial
-    t = record.t[: SETTINGS.start] - record.t[0]
+    speed = np.zeros(record.n)
+    decided = np.zeros(record.n, bool)
     counts = record.counts[: SETTINGS.start]
-    if len(t) < SETTINGS.start or (np.ptp(counts, axis=0) <= 1).all():
-        return np.zeros(record.n)
-    # In units of the stretch, so that the fit is well conditioned.
-    scale = t[-1]
-    coefficients = polynomial.polyfit(t / scale, counts, 2)
-    off = np.abs(polynomial.polyval(t / scale, coefficients).T - counts).max(axis=0)
+    if len(counts) < SETTINGS.start or (np.ptp(counts, axis=0) <= 1).all():
+        return speed
     # A record that repeats its log has no controller that was switched on.
-    switched_on = (off > SETTINGS.deviation) & (record.law is None or not record.law.replays)
-    return record.rig.to_angle(np.where(switched_on, 0.0, coefficients[1]) / scale)
+    replayed = record.law is not None and bool(record.law.replays)
+    # A parabola has the least noise; a fine encoder shows that the acceleration changes.
+    for degree in SETTINGS.degrees:
+        counts = record.counts[: SETTINGS.start * degree // 2]
+        # In units of the stretch, so that the fit is well conditioned.
+        t = record.t[: len(counts)] - record.t[0]
+        scale = t[-1]
+        coefficients = polynomial.polyfit(t / scale, counts, degree)
+        off = np.abs(polynomial.polyval(t / scale, coefficients).T - counts).max(axis=0)
+        near = (off <= SETTINGS.deviation) | (replayed and degree == SETTINGS.degrees[-1])
+        speed = np.where(near & ~decided, coefficients[1] / scale, speed)
+        decided |= near
+    return record.rig.to_angle(speed)
 
 
 def write_replay(record: Record, path: str | os.PathLike[str]) -> None:
