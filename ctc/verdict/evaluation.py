@@ -149,7 +149,26 @@ class Evaluation(Shown):
     def conditions(self) -> list[str]:
         """Assumptions of the verdict, and a machine's behaviour without them, one line each."""
         gears = [] if self.on_gears is None else [f"rigid gears assumed; {self.on_gears}"]
-        return [*gears, *self.reasons]
+        return [*gears, *self.in_play, *self.reasons]
+
+    @property
+    def in_play(self) -> list[str]:
+        """Joints that move within the play before their encoder, one line each."""
+        rig = self.record.rig
+        gears = rig.drive.elasticity
+        if rig.inner is None or gears is None or gears.backlash is None:
+            return []
+        play = np.abs(rig.position_in_pulses(rig.drive.coupling.joint(gears.backlash)))
+        counted = np.broadcast_to(np.array(rig.encoder.side) == "link", rig.n)
+        off = counted & (self.max_error_pulses > 1)
+        # It leaves the play with some speed, and is seen a count later.
+        moves = off & (self.max_error_pulses <= 1.5 * play + 1)
+        return [
+            f"{label} moves within the play, {play[i]:.1f} pulses: no goal holds a joint there;"
+            " preload it by a spring, a weight or a second servo"
+            for i, label in enumerate(self.joint_labels)
+            if moves[i]
+        ]
 
     @property
     def lowest_resonance(self) -> float | None:

@@ -8,7 +8,7 @@ from plant.laws.law import Law, Setpoint, Step
 from plant.machine.encoder import nearest
 from plant.machine.inner_loop import Frame, InnerLoop
 from plant.machine.rig import Rig
-from plant.parts.arguments import signs
+from plant.parts.arguments import array, signs
 from plant.parts.fields import Floats, Vector
 from plant.parts.part import number, part, structure
 from plant.parts.vector import Fields, per_joint, scalars
@@ -45,13 +45,17 @@ class PositionServo(InnerLoop, Law):
         default.
     supply : (n,) array_like or float, optional
         Voltage over that at which the gain holds.
+    register : (2,) tuple of int, optional
+        Lowest and highest goal that the servo takes [counts], such as (0, 4095): beyond, a goal is
+        sent as the nearest of them, since a servo would turn the other way round to the rest of it.
     period : float, optional
         Of the servo's loop [s]. A sample of the rig has a whole number of the nearest such periods.
 
     Raises
     ------
     ValueError
-        A gain, a speed or a supply that is not above zero; other numbers below zero.
+        A gain, a speed or a supply that is not above zero; other numbers below zero; a register
+        that is not a lowest and a highest goal.
 
     See Also
     --------
@@ -72,6 +76,7 @@ class PositionServo(InnerLoop, Law):
     start: Vector = number(("n",), default=0.0, alike=True)  # type: ignore[assignment]  # in place of the method: a servo is started by its maker
     speed: Vector = number(("n",), default=float("inf"), finite=False, alike=True)
     supply: Vector = number(("n",), default=1.0, alike=True)
+    register: tuple[int, int] | None = structure(default=None)
     period: float = structure(float, default=1e-3)
 
     def __post_init__(self) -> None:
@@ -82,6 +87,14 @@ class PositionServo(InnerLoop, Law):
             not_negative=("damping", "dead_zone", "start"),
             advice="Leave out what is not known; a gain of 1 gives torques in pulses.",
         )
+        if self.register is not None:
+            advice = "Give counts, such as (0, 4095)."
+            lowest, highest = array("register", self.register, (2,), advice=advice).tolist()
+            if not lowest < highest:
+                raise ValueError(
+                    f"register must be (lowest, highest); got {lowest:g}, {highest:g}. {advice}"
+                )
+            object.__setattr__(self, "register", (int(lowest), int(highest)))
 
     sends = "goal"
 
@@ -136,6 +149,9 @@ class PositionServo(InnerLoop, Law):
         # joint comes free.
         most = drive.motor_gain * drive.current_limit / (self.supply * self.gain)
         goal = ca.fmin(ca.fmax(goal, pulses - most), pulses + most)
+        if self.register is not None:
+            lowest, highest = self.register
+            goal = ca.fmin(ca.fmax(goal, lowest), highest)
         zero = ca.SX.zeros(rig.n)
         return Frame(goal if rig.encoder.smooth else nearest(goal), zero, zero)
 
