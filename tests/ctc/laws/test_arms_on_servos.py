@@ -134,7 +134,7 @@ def test_overload_protection_stops_the_law_with_a_named_joint():
 # -- 4. float --------------------------------------------------------------------------------------
 def test_float_refuses_what_could_drive_itself_and_rests_otherwise():
     loop = rig(inner=None)
-    with pytest.raises(ValueError, match="assist must be at most 0.77"):
+    with pytest.raises(ValueError, match=r"assist must be at most 0\.77"):
         Float(ARM, loop, assist=1.1)
     law = Float(ARM, loop, assist=0.7)
     # Gravity 5 % and friction 15 % off, one standard deviation: some creep, and none runs away.
@@ -203,7 +203,7 @@ def test_a_counter_that_wraps_is_no_motion():
     running = ComputedTorque(ARM, loop).start(loop, start)
     q = loop.cell_centre(start)
     for k in range(10):
-        running.step((start + (k, 0)) % 4096, q, (0, 0), (0, 0))
+        running.step((start + np.array([k, 0])) % 4096, q, (0, 0), (0, 0))
         # 4095 -> 0 is a jump of a turn: bridged, then stopped, and never followed.
         assert np.abs(running.goal - start).max() <= np.ceil(3.35 / GAIN) + 10
     assert running.stopped
