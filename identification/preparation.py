@@ -1,6 +1,7 @@
 """Preparation of a search: records, searched and held out, unknowns, and checks of the input."""
 
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -9,9 +10,11 @@ from numpy.typing import ArrayLike
 from identification.equation_error import naming
 from identification.equation_error.excitation import advice, still, unexcited
 from identification.equation_error.law_memory import along_log
+from identification.equation_error.logged_torques import OFFSET, fit_torque
 from identification.equation_error.naming import column_of
 from identification.equation_error.prior import Prior
 from identification.equation_error.pulse_fit import mode_in
+from identification.equation_error.regressor import linear
 from identification.equation_error.torque_logs import torque_of
 from identification.replay.experiment import as_records
 from identification.replay.objective import Objective
@@ -19,7 +22,7 @@ from identification.replay.resonances import DAMPING, STIFFNESS, on_gears
 from identification.search.genetic import GeneticSettings
 from identification.search.methods import METHODS
 from identification.search.problem import Problem, Tolerances
-from plant import Dynamics, Record
+from plant import Dynamics, FrictionCurve, Record
 from plant.checkup.innovation import LEAST_MOTION
 from plant.checkup.lost_rows import bridged
 from plant.checkup.oscillation import own_oscillations
@@ -151,6 +154,8 @@ def prepare(
     open_friction = _left_open(all_records, dynamics.chain.joint_labels)
     unknown = tuple(dict.fromkeys([*unknown, *open_friction]))
     searched, validation = _set_aside(dynamics, all_records, held_out, method)
+    if ranges is None and not zeros:
+        searched, validation, unknown = _with_offsets(dynamics, searched, validation, unknown)
     of_f = _prior(dynamics, searched, prior)
     _require_room(dynamics, (*searched, *validation), unknown, method)
 
@@ -232,6 +237,35 @@ def _left_open(records, labels):
     return [
         f"drive.{kind}[{i}]" for kind in drive.left_open for i in range(drive.n) if i not in idle
     ]
+
+
+def _with_offsets(dynamics, searched, validation, unknown):
+    """Records and unknowns with the friction offsets that logged torques have evidence of.
+
+    Those of logs that repeat their torques, where the rig leaves its Coulomb friction open.
+    """
+    drive = searched[0].rig.drive
+    torques = all(
+        record.law is not None and record.law.replays in ("torque", "current")
+        for record in searched
+    )
+    if not torques or drive.curve is not None or "coulomb" not in drive.left_open:
+        return searched, validation, unknown
+    try:
+        fit = fit_torque(dynamics, searched, unknown=linear(dynamics, searched[0].rig, unknown))
+    except ValueError:
+        # Torques that give no fit say nothing of an offset; the methods say why.
+        return searched, validation, unknown
+    offsets = [name for name in fit.names if name.startswith(OFFSET) and name not in unknown]
+    if not offsets:
+        return searched, validation, unknown
+    curve = FrictionCurve(offset=np.zeros(dynamics.n))
+
+    def opened(record):
+        drive = replace(record.rig.drive, curve=curve)
+        return replace(record, rig=replace(record.rig, drive=drive))
+
+    return tuple(map(opened, searched)), tuple(map(opened, validation)), (*unknown, *offsets)
 
 
 def _require_different(searched, validation):

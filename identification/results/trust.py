@@ -294,9 +294,14 @@ def _law(case):
 def _innovations(case):
     result = case.identification
     rms = result.fit.rms_innovation  # None where a method has no innovations
-    # Those of output error are differences of a simulation, of which `_repeats` warns.
-    simulated = result.search.method == "output_error" and not case.replayed
-    if rms is not None and rms > SETTINGS.innovation and not simulated:
+    # Those of output error are differences of a simulation, of which `_repeats` warns under a law.
+    simulated = result.search.method == "output_error"
+    if rms is not None and rms > SETTINGS.innovation and simulated and case.replayed:
+        yield (
+            f"simulated over the whole log, the model departs from it by {rms:.3g} pulses (rms):"
+            " small errors of the torque accumulate. Judge the values by found.error_on(record)."
+        )
+    elif rms is not None and rms > SETTINGS.innovation and not simulated:
         reason = "Was it made with this rig, law and reference?"
         if case.replayed:
             reason = (

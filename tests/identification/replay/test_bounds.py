@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 
 from identification import identify
-from identification.replay.gauss_newton import ended_on_bounds
+from identification.replay.gauss_newton import ended_on_bounds, slopes
 from plant import FrictionCurve, puma560, simulate
 
 BREAKAWAY = ("drive.curve.breakaway[0]", "drive.curve.breakaway[1]")
@@ -50,3 +50,22 @@ def test_names_of_unknowns_on_their_bounds():
     # the last one is not varied, and is no news
     assert ended_on_bounds(("a", "b", "c", "d"), values, bounds, np.arange(3)) == ["a", "b"]
     assert ended_on_bounds(("a", "b", "c", "d"), values + 0.5, bounds, np.array([0])) == []
+
+
+class Magnitude:
+    """Innovations of a number whose sign means nothing, as of friction below zero."""
+
+    unknown = ("level",)
+    weights = np.ones(3)
+
+    def all_innovations(self, vectors):
+        return [np.abs(values[0]) * np.array([1.0, 2.0, 3.0]) for values in vectors]
+
+
+def test_slope_on_a_bound_is_that_inside():
+    """A central difference about zero of a magnitude would be none: "does not act"."""
+    bounds = np.array([(0.0, np.inf)])
+    step = np.array([0.1])
+    for value in (0.0, 1.0):
+        change = slopes(Magnitude(), np.array([value]), step, np.array([0]), None, bounds)
+        np.testing.assert_allclose(change[:, 0], 0.1 * np.array([1.0, 2.0, 3.0]))
