@@ -270,7 +270,8 @@ def _examined(record, hypotheses, labels):
     if ("rounding", None) not in caused:
         data += rounding_findings(bridged)
     data = [finding for finding in [*data, *copied] if (finding.check, finding.joint) not in caused]
-    after = [*measured_findings(Experiment(bridged.record), caused)]
+    measured = measured_findings(Experiment(bridged.record), caused)
+    after = [finding for finding in measured if (finding.check, finding.joint) not in caused]
     for check in _AFTER:
         after += check(bridged)
     # A loop that swings makes delays and units that are none: its finding comes first.

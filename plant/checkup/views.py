@@ -145,6 +145,8 @@ def _delay(experiment, i):
     ):
         value, std = _delay_by_score(experiment, i)
     elif (delay := experiment.once("delay", delays)) is not None:
+        if (ratio := _friction(experiment, i, "viscous")) is not None and ratio > _OTHER_UNIT:
+            return _other_viscous(experiment, i, ratio)
         value, std = delay.by_jerk[i], delay.jerk_std[i]
     elif signals.reference is None:
         return Check("delay", i).unknown("neither reference nor torque")
@@ -206,7 +208,7 @@ def _units(experiment, i):
                 f"Torque per acceleration is {size:.3g} times the rotor inertia:"
                 f" {_likely_units(experiment)}.",
             )
-        friction = _friction(experiment, i)
+        friction = _friction(experiment, i, "coulomb")
         if friction is not None and not 1 / _OTHER_UNIT < friction < _OTHER_UNIT:
             return Check("units of torque", i, "of the Coulomb friction").look(
                 friction,
@@ -231,12 +233,21 @@ def _certain_inertia(experiment, i):
     return motion.inertia > _CERTAIN * motion.inertia_std
 
 
-def _friction(experiment, i):
-    """Coulomb friction of a joint over the stated one; None where it is not significant."""
-    motion, stated = experiment.motions[i], experiment.record.rig.drive.coulomb[i]
-    if not stated or motion.coulomb < _CERTAIN * motion.coulomb_std:
+def _friction(experiment, i, name):
+    """Friction of a joint over the stated one; None where it is not significant."""
+    motion = experiment.motions[i]
+    stated, value = getattr(experiment.record.rig.drive, name)[i], getattr(motion, name)
+    if not stated or value < _CERTAIN * getattr(motion, f"{name}_std"):
         return None
-    return float(motion.coulomb / stated)
+    return float(value / stated)
+
+
+def _other_viscous(experiment, i, ratio):
+    """A viscous friction that is not the rig's, by the torque of the law."""
+    return Check("viscous friction", i, "N m s/rad of the motor").look(
+        experiment.motions[i].viscous,
+        f"Viscous friction is {ratio:.2g} times the stated one: correct that if it was a guess.",
+    )
 
 
 def _likely_units(experiment):

@@ -257,6 +257,14 @@ def scaled_both(factor: Callable[[Any], Any] | None = None) -> Callable[..., Any
 _SLACK = 1e-3
 
 
+def counted_in_steps(record: Any, joints: Joints, size: float) -> Any:
+    """Count in steps of so many pulses of the stated resolution."""
+    encoder = record.rig.encoder
+    encoder = replace(encoder, resolution=encoder.resolution / size)
+    undone = scaled_both()(record, joints, size)
+    return replace(undone, rig=replace(undone.rig, encoder=encoder))
+
+
 def _gains(law):
     """Names of the numbers that make torque of errors; a law without such names is refused."""
     names = [name for name in ("gain", "integral", "derivative") if hasattr(law, name)]
@@ -351,6 +359,10 @@ def _ratios(numerator, denominator):
     return np.where((power > 0) & (ratio != 0), ratio, 1.0)
 
 
+def _centred(column):
+    return column - column.mean() if len(column) else column
+
+
 def _speeds(experiment, name):
     table = getattr(experiment.signals, name)
     return np.column_stack([experiment.filtered(name, table, i).speed for i in range(experiment.n)])
@@ -373,16 +385,31 @@ def torque_ratios(experiment: Experiment, joints: Joints) -> tuple[float, ...]:
     """Logged over commanded torque: of a joint, or the median of all."""
     law = experiment.record.law
     # The unknown memory of a law makes its steps another size.
-    if experiment.torques_of_law is None or law.has_memory(experiment.n):
+    commanded, logged = experiment.commanded, experiment.signals.torque
+    if experiment.torques_of_law is None or law.has_memory(experiment.n) or commanded is None:
         return ()
-    commanded, logged = experiment.torques_of_law
-    ratio = _ratios(logged, commanded)
+    drive = experiment.record.rig.drive
+    limit = drive.motor_gain * drive.current_limit
+    # An amplifier at its limit shows its limit, and no gain.
+    limited = np.abs(np.abs(logged) / limit - 1) < _AT_LIMIT
+    ratio = np.array(
+        [
+            _ratios(_centred(logged[rows, i]), _centred(commanded[rows, i]))
+            for i, rows in enumerate(~limited.T)
+        ]
+    )
     return _positive(np.median(ratio[list(joints) or slice(None)]))
 
 
 def command_ratios(experiment: Experiment, joints: Joints) -> tuple[float, ...]:
     """Commanded over logged torque."""
     return tuple(1 / ratio for ratio in torque_ratios(experiment, joints))
+
+
+def common_step(experiment: Experiment, joints: Joints) -> tuple[float, ...]:
+    """Step of the counts of all joints, where it is one number of pulses above 1."""
+    steps = [grid(column) for column in experiment.signals.counts.T]
+    return (steps[0],) if min(steps) > 1 and np.ptp(steps) < _SLACK * steps[0] else ()
 
 
 def used_limits(experiment: Experiment, joints: Joints) -> tuple[float, ...]:
@@ -412,6 +439,9 @@ def _positive(ratio):
     # A factor of one changes nothing, and signs have rows of their own.
     return (float(ratio),) if ratio > 0 and abs(ratio - 1) > _RELEVANT else ()
 
+
+# Relative distance from the amplifier's limit within which a torque is limited.
+_AT_LIMIT = 0.02
 
 # A factor nearer to one is within what rounding and an imperfect undo cause.
 _RELEVANT = 0.03
@@ -560,6 +590,21 @@ def lag(experiment: Experiment, i: int, *, friction: bool = False) -> tuple[floa
     return value[0] / signals.interval, std[0] / signals.interval
 
 
+def gains_evidence(experiment: Experiment, joints: Joints) -> Any:
+    """Log odds of gains in A where no torque is logged: friction is as stated with the others."""
+    delay = experiment.once("delay", delays)
+    if delay is None or not hasattr(experiment.record.law, "gain"):
+        return None
+    changed = experiment.changed(gains_in_ampere(experiment.record, joints, 1.0))
+    after = delays(changed)
+    gain = changed.score - experiment.score
+    # Viscous friction alone is a parameter; gains change inertia and Coulomb friction, too.
+    if after is not None and gain > 0:
+        friction = (each.by_speed / each.speed_std for each in (delay, after))
+        gain += float(np.subtract(*(np.nansum(ratio**2) / 2 for ratio in friction)))
+    return ((1.0, gain),)
+
+
 def viscous_evidence(experiment: Experiment, joints: Joints) -> Any:
     """Log odds of another viscous friction, which adds torque with the speed but not the jerk."""
     if experiment.signals.torque is not None:
@@ -579,10 +624,17 @@ def grid_evidence(experiment: Experiment, joints: Joints) -> Iterator[tuple[floa
     A broken step is a factor of units; a whole one is a coarser encoder, of which no log knows
     whether the rig or the counts are to change.
     """
-    steps = [grid(column) for column in experiment.signals.counts.T]
-    if min(steps) > 1 and np.ptp(steps) < _SLACK * steps[0] and steps[0] % 1:
-        levels = len(np.unique(experiment.signals.counts[:, 0]))
-        yield steps[0], levels * float(np.log(steps[0]))
+    for step in common_step(experiment, joints):
+        if step % 1:
+            levels = len(np.unique(experiment.signals.counts[:, 0]))
+            yield step, levels * float(np.log(step))
+
+
+def steps_evidence(experiment: Experiment, joints: Joints) -> Iterator[tuple[float, float]]:
+    """How much likelier the log is where law and rig count in whole steps."""
+    for step in common_step(experiment, joints):
+        changed = experiment.changed(counted_in_steps(experiment.record, joints, step))
+        yield step, changed.score - experiment.score
 
 
 def _interval_ratio(experiment):
@@ -716,6 +768,20 @@ def _units() -> Iterator[Hypothesis[Any]]:
         )
 
 
+def _units_of_one() -> Iterator[Hypothesis[Any]]:
+    """Yield the rows: counts or reference alone in other units."""
+    for name, undo in (("counts", scaled_counts), ("reference", scaled_reference)):
+        for unit, factor in (("degrees", 180 / np.pi), ("turns", 1 / (2 * np.pi))):
+            yield Hypothesis(
+                name=f"{name} alone in {unit}",
+                check="gear sign",
+                sentence=f"The {name} may be in {unit}, and read in radians",
+                remedy="State its unit, or convert it.",
+                undo=undo,
+                sizes=(factor,),
+            )
+
+
 def _statements() -> Iterator[Hypothesis[Any]]:
     """Yield the rows: units of counts and times, the rounding, and gains in other units."""
     yield Hypothesis(
@@ -725,6 +791,14 @@ def _statements() -> Iterator[Hypothesis[Any]]:
         remedy="Divide both by it.",
         undo=scaled_both(),
         evidence=grid_evidence,
+    )
+    yield Hypothesis(
+        name="steps of counts",
+        check="quantisation step",
+        sentence="The counts come in steps of {value:.4g}, and so does the law's error",
+        remedy="Correct the resolution, and take counts and reference in steps.",
+        undo=counted_in_steps,
+        evidence=steps_evidence,
     )
     yield Hypothesis(
         name="unit of time",
@@ -757,6 +831,7 @@ def _statements() -> Iterator[Hypothesis[Any]]:
         sentence="The gains of the law may be in A per pulse",
         remedy="Multiply them by motor_gain.",
         undo=gains_in_ampere,
+        evidence=gains_evidence,
     )
 
 
@@ -868,6 +943,7 @@ TABLE: tuple[Hypothesis[Any], ...] = (
     *_exchanges(),
     *_turns(),
     *_units(),
+    *_units_of_one(),
     *_statements(),
     *_sizes(),
     *_stated(),
@@ -946,6 +1022,11 @@ class Trials:
         gains = [gain(size) for size in sizes]
         best = int(np.argmax(gains))
         size, most = float(sizes[best]), gains[best]
+        # A delay of one joint shows in that joint, and not in others alone.
+        if hypothesis.check == "delay" and joints and most > hypothesis.against:
+            after = changed(size).terms
+            if sum(after[name][i] - experiment.terms[name][i] for name in after for i in joints) < 0:
+                return []
         tolerance = hypothesis.tolerance
         if tolerance is None or most <= hypothesis.against:
             return [(size, most)]

@@ -69,13 +69,11 @@ def test_a_torque_that_is_off_as_the_resolution_is(record):
         RIG, encoder=dataclasses.replace(RIG.encoder, resolution=RIG.encoder.resolution * 4)
     )
     counts = {name: getattr(record, name) * 4 for name in ("reference_pulses", "error_pulses")}
-    lines = said(
-        dataclasses.replace(record, rig=finer, reference=None, **counts), "units of torque"
-    )
-    assert len(lines) == 2
-    assert all(
-        line.endswith("the counts come in steps of 4, so correct the resolution.") for line in lines
-    )
+    (cause,) = dataclasses.replace(record, rig=finer, reference=None, **counts).check().causes
+    assert (cause.name, cause.joints, cause.size) == ("steps of counts", (), 4.0)
+    corrected = dataclasses.replace(record, rig=finer, reference=None, **counts).check().corrected
+    np.testing.assert_array_equal(corrected.counts, record.counts)
+    np.testing.assert_array_equal(corrected.rig.encoder.resolution, RIG.encoder.resolution)
 
 
 @pytest.mark.parametrize("turned", [1, -1])
@@ -94,12 +92,12 @@ def test_swapped_angles_are_named_through_gears_that_differ(record, turned):
         torque=None,
         current=None,
     )
-    for joint, other in ((0, 1), (1, 0)):
-        found = next(
-            f for f in swapped.check().findings if f.check == "swapped joints" and f.joint == joint
-        )
-        assert found.verdict == "wrong"
-        assert f"follow the reference of joint q[{other}]" in found.advice
+    checkup = swapped.check()
+    cause = checkup.causes[0]
+    assert (cause.name, cause.joints, cause.size) == ("exchanged counts", (0, 1), 1.0)
+    assert {rival.name for rival in cause.rivals} <= {"exchanged references"}
+    wrong = {(f.check, f.joint) for f in checkup.findings if f.verdict == "wrong"}
+    assert {("swapped joints", 0), ("swapped joints", 1)} <= wrong
     right = dataclasses.replace(
         swapped, error_pulses=asked - rig.counts(record.rig.to_angle(record.counts))
     )
@@ -117,6 +115,7 @@ def test_a_reference_in_degrees_that_was_read_in_radians_is_named(record):
         current=None,
         law=None,
     )
-    lines = said(wrong, "gear sign")
-    assert len(lines) == 2
-    assert all("as if the reference were in degrees, and read in rad" in line for line in lines)
+    (cause,) = wrong.check().causes
+    assert (cause.name, cause.joints) == ("reference alone in degrees", ())
+    wrong = [f.joint for f in wrong.check().findings if f.check == "gear sign" and not f.ok]
+    assert wrong == [0, 1]
