@@ -1025,7 +1025,10 @@ class Trials:
         # A delay of one joint shows in that joint, and not in others alone.
         if hypothesis.check == "delay" and joints and most > hypothesis.against:
             after = changed(size).terms
-            if sum(after[name][i] - experiment.terms[name][i] for name in after for i in joints) < 0:
+            if (
+                sum(after[name][i] - experiment.terms[name][i] for name in after for i in joints)
+                < 0
+            ):
                 return []
         tolerance = hypothesis.tolerance
         if tolerance is None or most <= hypothesis.against:

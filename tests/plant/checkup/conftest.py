@@ -5,9 +5,7 @@ Each is a regression that stands open; a test that passes again leaves this list
 
 import pytest
 
-OPEN = (
-    "test_examine.py::test_real_counts_that_come_late",
-)
+OPEN = ("test_examine.py::test_real_counts_that_come_late",)
 
 
 def pytest_collection_modifyitems(items):
