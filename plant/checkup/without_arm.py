@@ -386,7 +386,7 @@ def torque_ratios(experiment: Experiment, joints: Joints) -> tuple[float, ...]:
     law = experiment.record.law
     # The unknown memory of a law makes its steps another size.
     commanded, logged = experiment.commanded, experiment.signals.torque
-    if experiment.torques_of_law is None or law.has_memory(experiment.n) or commanded is None:
+    if commanded is None or logged is None or law is None or law.has_memory(experiment.n):
         return ()
     drive = experiment.record.rig.drive
     limit = drive.motor_gain * drive.current_limit
