@@ -86,10 +86,10 @@ def identify(
     ranges : (k, 2) array_like, optional
         Where to search each unknown; "paper" takes ``dynamics.ranges`` by default, the others need
         none.
-    unknown : sequence of str or {"friction", "gains"}, optional
+    unknown : str or sequence of str, optional
         Names of the unknowns: all of f by default; numbers of rig or law may be added
-        (``drive.viscous[0]``). Words stand for several: "f", "friction", "gains" (of the law); one
-        of the last two alone is beside f.
+        (``drive.viscous[0]``). Words stand for several: "f", "friction", "gains" (of the law).
+        Where no name is one of f, all of f is unknown beside them, as on the command line.
     settings : GeneticSettings, optional
         By default `GeneticSettings.paper()`.
     steps_per_sample : int

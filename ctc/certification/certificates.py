@@ -69,6 +69,11 @@ class Certificates(Certified, Mapping[str, Certificate]):
         return max(self, key=lambda name: (self[name].failures, self[name].runs.unrounded.max()))
 
     @property
+    def seen(self) -> Seen | None:
+        """`Certificate.seen` of the worst motion."""
+        return self[self.worst].seen
+
+    @property
     def friction_known(self) -> float | None:
         """`Certificate.friction_known` of the worst motion."""
         return self[self.worst].friction_known

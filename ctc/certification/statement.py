@@ -26,6 +26,8 @@ class AdviceSettings:
         Part of the failures that may remain with friction identified, if friction decides.
     nominal_failures : float
         Probability of failure above which the nominal arm is not examined further.
+    tolerances : float
+        Part of the variance of a value that tolerances must be, so that they are what to state.
     influences : int
         Rows of the table of sensitivities.
     """
@@ -34,6 +36,7 @@ class AdviceSettings:
     f_share_of_all: float = 0.25
     friction_remaining: float = 0.5
     nominal_failures: float = 0.5
+    tolerances: float = 0.5
     influences: int = 5
 
 
@@ -299,11 +302,22 @@ def _advice(certificate: Any) -> Iterator[str]:
     of_f = sum(x.share for x in influences if x.name in names)
     explained = sum(x.share for x in influences)
     if of_f > max(SETTINGS.f_share * explained, SETTINGS.f_share_of_all):
-        yield (
-            "the uncertainty of f decides: identify from more records, or along a motion of"
-            " design_motion"
-        )
+        yield f"the uncertainty of f decides: {_narrower(certificate, influences[0].name)}"
     yield SEARCH
+
+
+def _narrower(certificate: Any, name: str) -> str:
+    """How the interval of a value becomes narrower."""
+    seen = certificate.seen
+    share = 0.0 if seen is None else seen.by_tolerances.get(name, 0.0)
+    # More records do not tell a gear from a mass: only a better statement does.
+    if share > SETTINGS.tolerances:
+        return (
+            f"{share:.0%} of the variance of {name} comes from tolerances of the rig"
+            f" ({seen.tolerances}), which no further record narrows. State those of your data"
+            " sheet: identify(..., tolerances=Tolerances(gear=...))"
+        )
+    return "identify from more records, or along a motion of design_motion"
 
 
 def _beyond_motors(certificate: Any) -> str:

@@ -161,8 +161,7 @@ def run_identify(options: Namespace) -> Answer:
         records if len(records) > 1 else records[0],
         seed=options.seed,
         method=options.method,
-        # The parameters f are always unknown; options add to them.
-        unknown=options.unknown and ("f", *options.unknown),
+        unknown=options.unknown,
         held_out=held_out,
         elasticity=options.elasticity,
         prior=options.prior,
@@ -420,8 +419,6 @@ def _to_report(options: Namespace) -> tuple[Identification, list[Any]]:
     certificate: Any = (
         None if options.certificate is None else Certificate.load(options.certificate)
     )
-    if isinstance(certificate, Certificates):  # a page shows one path: the worst
-        certificate = certificate[certificate.worst]
     # Two statements about one controller could contradict each other.
     if certificate is not None and options.bandwidth is not None:
         raise ValueError(
@@ -431,10 +428,12 @@ def _to_report(options: Namespace) -> tuple[Identification, list[Any]]:
     # A log without a path gives a page without a controller; a wrong --path is an error.
     evaluation = None
     try:
-        follows_certificate = certificate is not None and options.path is None
-        path = (
-            certificate.reference if follows_certificate else path_of(identification, options.path)
-        )
+        if certificate is not None and options.path is None:
+            # A page shows one path of several motions: the worst.
+            several = isinstance(certificate, Certificates)
+            path = (certificate[certificate.worst] if several else certificate).reference
+        else:
+            path = path_of(identification, options.path)
     except ValueError:
         if options.path is not None:
             raise

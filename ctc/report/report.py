@@ -6,6 +6,8 @@ from pathlib import Path
 import numpy as np
 
 from ctc.certification.certificate import Certificate
+from ctc.certification.certificates import Certificates
+from ctc.certification.certified import Certified
 from ctc.report.page import page
 from ctc.report.sections import sections
 from ctc.verdict.evaluation import Evaluation
@@ -21,7 +23,7 @@ _SECTIONS = 8
 @known_options
 def write_report(
     found: Identification,
-    *results: Evaluation | Certificate | str | Path,
+    *results: Evaluation | Certificate | Certificates | str | Path,
     path: str | Path | None = None,
     title: str = "Identification of a robot arm",
     overwrite: bool = False,
@@ -36,8 +38,9 @@ def write_report(
     Parameters
     ----------
     found : Identification
-    *results : Evaluation or Certificate
-        Of a controller for `found`, one of each at most, in any order; the path may come last.
+    *results : Evaluation, and Certificate or Certificates
+        Of a controller for `found`, one of each at most, in any order; the path may come last. Of
+        the motions of `Certificates` the page shows the worst, beside the verdict on all.
     path : str or Path
         Such as ``"page.html"``.
     title : str
@@ -74,15 +77,16 @@ def write_report(
         raise ValueError('path must be that of the page; got none. Give path="page.html".')
 
     # 2. One result of each type, both of this identification: the page names no other arm.
-    by_type: dict[type, Evaluation | Certificate] = {}
+    by_type: dict[type, Evaluation | Certified] = {}
     for result in values:
-        if not isinstance(result, (Evaluation, Certificate)) or type(result) in by_type:
+        kind = Certified if isinstance(result, Certified) else Evaluation
+        if not isinstance(result, kind) or kind in by_type:
             got = f"got {result!r:.60}. Pass what evaluate and certify returned."
             raise ValueError(f"results must be one Evaluation and one Certificate at most; {got}")
-        by_type[type(result)] = result
+        by_type[kind] = result
     strangers = []
     for result in by_type.values():
-        law = result.law if isinstance(result, Certificate) else result.record.law
+        law = result.law if isinstance(result, Certified) else result.record.law
         # Laws without a model fit every arm.
         arm = getattr(law, "arm", None)
         if arm is not None and not np.array_equal(arm.f, found.arm.f):
@@ -99,7 +103,7 @@ def write_report(
     subtitle = f"{joints}; {found.search.method}; written on {today}"
     parts = []
     with progress_bar(_SECTIONS, "report", "section", False) as bar:
-        for part in sections(found, by_type.get(Evaluation), by_type.get(Certificate)):
+        for part in sections(found, by_type.get(Evaluation), by_type.get(Certified)):
             parts.append(part)
             bar.update()
     write_whole(file, [page(instance("title", title, str, "Give a line."), subtitle, parts)])

@@ -2,16 +2,18 @@
 
 import math
 import textwrap
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 import numpy as np
 
 from ctc.report.page import figure, section
 from identification.equation_error.naming import units as units_of
-from identification.results.seen import seen
+from identification.results.seen import counted, seen
 from identification.results.summary import doubts
 from plant.parts.shown import body, details, items, preformatted, table, text
+
+_UNRELIABLE = ", of an unreliable identification"
 
 # Uses of a log.
 _IDENTIFICATION = "identification"
@@ -23,7 +25,7 @@ def sections(identification: Any, evaluation: Any, certificate: Any) -> Iterator
     yield _verdict(identification, evaluation, certificate)
     yield from (part(identification) for part in (_values, _fit, _logs, _assumptions))
     if evaluation is not None:
-        yield _controller(identification, evaluation)
+        yield _controller(identification, evaluation, certificate)
     if certificate is not None:
         yield _certificate(certificate)
     yield _origin(identification, certificate)
@@ -35,9 +37,7 @@ def _verdict(identification: Any, evaluation: Any, certificate: Any) -> str:
     lines = []
     doubtful = doubts(identification)
     if doubtful:
-        count = len(doubtful)
-        lead = "One line under it says" if count == 1 else f"{count} lines under it say"
-        reason = f"{lead} why, below: Warnings."
+        reason = "The warnings below give the reasons."
         lines.append((False, "The identification is unreliable", reason))
     else:
         lines.append(
@@ -53,21 +53,25 @@ def _verdict(identification: Any, evaluation: Any, certificate: Any) -> str:
         law = type(evaluation.record.law).__name__
         reason = (
             f"{evaluation.share_within(1)} of {len(evaluation.record)} samples within ±1 pulse,"
-            " simulated on the arm that was found."
+            f" simulated on the arm that was found"
+            f"{_along(certificate, evaluation.record.reference)}."
         )
         # A certificate has gears of its own: its verdict speaks of them.
         conditions = evaluation.conditions if certificate is None else evaluation.reasons
         reason += "".join(f" {_sentence(line)}." for line in conditions)
         title = f"{law} on the nominal arm"
         if doubtful:
-            title += ", which is unreliable"
+            title += _UNRELIABLE
         lines.append((evaluation.holds and not doubtful, title, reason))
 
     # 3. The controller on arms as uncertain as stated.
     if certificate is not None:
-        title = f"{type(certificate.law).__name__} on {len(certificate.plants)} sampled arms"
+        title = f"{type(certificate.law).__name__} on {len(certificate.plants):,} sampled arms"
+        # A set has a motion of each name; its verdict is that of all of them.
+        if isinstance(certificate, Mapping):
+            title += f", in {len(certificate)} motions"
         if doubtful:
-            title += ", of what is unreliable"
+            title += _UNRELIABLE
         reason = certificate.verdict
         # A cross because of a rare event needs its reason on the same line.
         rare = certificate.rare
@@ -84,6 +88,18 @@ def _verdict(identification: Any, evaluation: Any, certificate: Any) -> str:
     if identification.warnings:
         parts += ["<h3>Warnings</h3>", items(identification.warnings)]
     return section("Verdict", *parts)
+
+
+def _along(certificate: Any, path: Any) -> str:
+    """The worst motion of a set, as an end of a sentence; empty if the path is another one."""
+    if not isinstance(certificate, Mapping) or _worst(certificate).reference != path:
+        return ""
+    return f", in {certificate.worst!r}, the worst of the motions"  # type: ignore[attr-defined]
+
+
+def _worst(certificate: Any) -> Any:
+    """The certificate of one path that a page shows."""
+    return certificate[certificate.worst] if isinstance(certificate, Mapping) else certificate
 
 
 def _sentence(phrase: str) -> str:
@@ -124,8 +140,8 @@ def _values(identification: Any) -> str:
         else:
             lines.append((name, f"{value:.5g}", "assumed", unit, "", "", ""))
     head = ("", "value", "95 % half-width", "unit", "standard deviation", "95 % from", "to")
-    counted = f"<p>{text(f'The intervals count noise and {identification.search.tolerances}.')}</p>"
-    return section("Parameters", table(head, lines), counted, _legend(identification))
+    intervals = f"<p>{text(_sentence(counted(identification)))}.</p>"
+    return section("Parameters", table(head, lines), intervals, _legend(identification))
 
 
 def _legend(identification: Any) -> str:
@@ -225,13 +241,13 @@ def _assumptions(identification: Any) -> str:
     return section("Assumptions", *parts)
 
 
-def _controller(identification: Any, evaluation: Any) -> str:
+def _controller(identification: Any, evaluation: Any, certificate: Any) -> str:
     law = evaluation.record.law
     name = type(law).__name__
     # 1. The curves.
     caption = (
         f"Quantised tracking error and torque of {name} along the path, simulated on the arm that"
-        " was found."
+        f" was found{_along(certificate, evaluation.record.reference)}."
     )
     drawing = figure(evaluation.plot(), "controller", caption)
 
@@ -280,10 +296,11 @@ def _named(identification: Any) -> Iterator[tuple[str, str, Any]]:
 
 def _certificate(certificate: Any) -> str:
     sampled, missing = certificate.plants.said
-    caption = "Peak errors of all arms, the worst of them, and what they follow from."
+    one = _worst(certificate)
+    caption = "Peak errors of all arms, the worst of them, and the numbers that decide them"
     return section(
         "Certificate",
-        figure(certificate.plot(), "certificate", caption),
+        figure(one.plot(), "certificate", f"{caption}{_along(certificate, one.reference)}."),
         # A probability holds for the sampled numbers alone: both lists stand beside it.
         f"<p><b>Sampled</b>: {text(', '.join(sampled))}.</p>",
         f"<p><b>Not sampled, and so not covered</b>: {text(', '.join(missing))}.</p>",

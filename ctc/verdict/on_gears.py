@@ -178,7 +178,10 @@ class LowestResonance(Shown, Frozen):
                 f"{stays} on rigid gears only: at some resonances up to {HIGHEST:g} Hz it {exceeds}"
                 f" {damped}"
             )
-        return f"{stays} on gears that resonate above {self.hz:.3g} Hz {damped}, not just below"
+        return (
+            f"{stays} on gears that resonate above {self.hz:.3g} Hz {damped}; on softer ones, at"
+            f" some resonances, it {exceeds}"
+        )
 
 
 @functools.lru_cache(maxsize=32)

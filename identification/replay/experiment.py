@@ -36,8 +36,8 @@ def as_records(
 ) -> tuple[tuple[Record, ...], tuple[str, ...]]:
     """Records and unknown names as tuples, or a refusal; by default all of f is unknown.
 
-    Names may be short (f1, ...), and words: "f" is all of f, each of `GROUPS` a number per joint,
-    alone beside f.
+    Names may be short (f1, ...), and words: "f" is all of f, each of `GROUPS` a number per joint.
+    Without a name of f they are beside all of f.
     """
     # 1. Types: a generator, a string or a single record are common slips.
     records = tuple(records) if isinstance(records, Iterable) else (records,)
@@ -69,7 +69,7 @@ def as_records(
     expanded = {"f": dynamics.names}
     for word, numbers in GROUPS.items():
         expanded[word] = tuple(f"{name}[{i}]" for name in numbers for i in range(dynamics.n))
-    words: tuple[str, ...] = ("f", unknown) if isinstance(unknown, str) else tuple(unknown)
+    words: tuple[str, ...] = (unknown,) if isinstance(unknown, str) else tuple(unknown)
     for word in words:
         # A word with a typing error would pass for the name of a number, and be refused as such.
         advice = "" if word in GROUPS else near(word, GROUPS, cutoff=0.6)
@@ -77,6 +77,9 @@ def as_records(
             takes = f"unknown must be {', '.join(GROUPS)} or names such as drive.viscous[0]"
             raise ValueError(f"{takes}; got {word!r}. {advice}")
     names = [name for word in words for name in expanded.get(word, (long.get(word, word),))]
+    # Where nothing of f is named, all of it is unknown beside what is named.
+    if names and not set(names) & set(dynamics.names):
+        names = [*dynamics.names, *names]
     twice = [name for i, name in enumerate(names) if name in names[:i]]
     # A word may overlap with a name, as "friction" with drive.viscous[0]; a name alone may not.
     if twice and not any(word in expanded for word in words):

@@ -134,7 +134,10 @@ class Doubt:
         names = [
             name
             for name in self.effects
-            if kind_of(name) in _KINDS and _KINDS[kind_of(name)].removable
+            if kind_of(name) in _KINDS
+            and _KINDS[kind_of(name)].removable
+            # What is unknown has its own deviation; its effect beside itself is a rounding error.
+            and f"drive.{name}" not in self.at.model.unknown
         ]
         # Friction itself without a prior, as if it were unknown.
         prior = priors(tolerances, list(self.effects), self.efforts) | dict.fromkeys(names, np.inf)

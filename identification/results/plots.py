@@ -88,7 +88,7 @@ def plot_identification(identification: Any, ax: Any = None) -> NDArray[Any]:
     _draw_spectrum(spectra, record.error_pulses, period, color="#444444", label="error", **thin)
     _draw_spectrum(spectra, innovations, period, color=colour_of(0), label="innovation", **thin)
     legend_above(dressed(spectra, "spectrum"))
-    draw_intervals(dressed(intervals, "95 % intervals"), identification)
+    draw_intervals(dressed(intervals, INTERVALS), identification)
     return axes
 
 
@@ -108,6 +108,10 @@ def _new_axes(n, values, meaning):
         figure.supxlabel("\n".join(lines), x=0.01, ha="left", fontsize=7, family="monospace")
     cells = [grid[joint, column] for joint in range(n) for column in range(3)]
     return [figure.add_subplot(cell) for cell in (*cells, grid[n, 2], grid[n, :2])]
+
+
+# Title of a panel of intervals, with the meaning of its dashed line.
+INTERVALS = "95 % intervals; right of the dashed line (100 % of the value) its sign is unknown"
 
 
 def interval_height(values: int) -> float:

@@ -62,11 +62,18 @@ class Seen(Frozen):
     friction : dict
         Standard deviation with which the log would identify friction that was not unknown, by the
         number's name.
+    by_tolerances : dict
+        Share of the variance of each identified value that comes from the tolerances of the rig, by
+        the value's name.
+    tolerances : str
+        These tolerances.
     """
 
     resonance: float | None
     beyond: tuple[str, ...]
     friction: dict[str, float] = field(default_factory=dict)
+    by_tolerances: dict[str, float] = field(default_factory=dict)
+    tolerances: str = ""
 
 
 def seen(identification: Any, reference: Reference, duration: float) -> Seen:
@@ -79,6 +86,39 @@ def seen(identification: Any, reference: Reference, duration: float) -> Seen:
         resonance=_resonance(identification),
         beyond=tuple(_beyond(identification, reference, duration)),
         friction=friction,
+        by_tolerances=by_tolerances(identification),
+        tolerances=identification.search.tolerances.within,
+    )
+
+
+def by_tolerances(identification: Any) -> dict[str, float]:
+    """Share of the variance of each value that comes from the tolerances of the rig."""
+    fit = identification.fit
+    doubt = identification.diagnostics.detection.doubt
+    # Only a covariance that was widened has a part by tolerances.
+    if fit.noise_covariance is None or doubt is None:
+        return {}
+    return {
+        name: float(min(added / std**2, 1.0))
+        for name, added, std in zip(fit.unknown, np.diag(doubt), fit.std, strict=True)
+        if std > 0
+    }
+
+
+def counted(identification: Any) -> str:
+    """What the intervals count, and the share of it that tolerances are."""
+    tolerances = identification.search.tolerances
+    text = f"intervals count noise and {tolerances}"
+    shares = by_tolerances(identification)
+    if not shares or not tolerances.within:
+        return text
+    names = dict(zip(identification.fit.unknown, identification.short_names, strict=True))
+    most = max(shares, key=shares.__getitem__)
+    default = type(tolerances)() == tolerances
+    source = "nobody stated these tolerances: they are defaults, and" if default else "they are"
+    return (
+        f"{text}; {source} {np.median(list(shares.values())):.0%} of a variance (median), of"
+        f" {names[most]} {shares[most]:.0%}; tolerances=Tolerances(gear=...) states yours"
     )
 
 

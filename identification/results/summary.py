@@ -11,7 +11,7 @@ from identification.equation_error.between_runs import ONE_LOG
 from identification.equation_error.law_memory import along_log
 from identification.equation_error.least_squares import NORMAL
 from identification.equation_error.torque_fit import TorqueFit
-from identification.results.seen import of_prior, origins
+from identification.results.seen import counted, of_prior, origins
 from identification.results.trust import SETTINGS as WARNING_SETTINGS
 from identification.results.trust import pairs_of
 from identification.search.problem import LONG, PARTS, is_long
@@ -131,7 +131,7 @@ def summary_of(result: Any, full: bool) -> Iterator[Piece]:
     yield from inside(result.diagnostics)
     # The tolerances are in the intervals only where the covariance was widened.
     if result.fit.noise_covariance is not None:
-        yield f"intervals count noise and {result.search.tolerances}"
+        yield counted(result)
     if result.covariance is not None and result.diagnostics.detection.assumed:
         if full:
             yield from inside(result.assumed())

@@ -73,7 +73,9 @@ class Tolerances(Frozen):
             real(name, getattr(self, name), "Give a standard deviation; 0 takes it for exact.")
         signs(self, not_negative=names, advice="0 takes it for exact.")
 
-    def __str__(self) -> str:
+    @property
+    def within(self) -> str:
+        """All that are not zero, as a text."""
         torque = "of the motor's torque (rms)"
         texts = (
             (self.gear, f"gears {100 * self.gear:g} %"),
@@ -82,10 +84,12 @@ class Tolerances(Frozen):
             (self.lag, f"lag {1e3 * self.lag:g} ms"),
             (self.delay, f"delay {self.delay:g} samples"),
         )
-        within = ", ".join(text for deviation, text in texts if deviation)
-        if not within:
+        return ", ".join(text for deviation, text in texts if deviation)
+
+    def __str__(self) -> str:
+        if not self.within:
             return "take the rig for exact, and the lengths of links"
-        return f"a rig that is right within {within}, and links of exactly the stated lengths"
+        return f"a rig that is right within {self.within}, and links of exactly the stated lengths"
 
     @classmethod
     def none(cls) -> Self:

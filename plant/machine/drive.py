@@ -53,7 +53,7 @@ class Drive(Part):
         Kfr-visc [N m s/rad]. None leaves it open: `identification.identify` estimates it together
         with f.
     coulomb : (n,) array_like or None
-        Kfr-stat, static and sliding friction alike [N m]; None likewise.
+        Kfr-stat, static and sliding friction alike [N m]; None leaves it open, too.
     motor_gain : (n,) array_like
         K_i, motor torque per current [N m/A].
     current_limit : (n,) array_like

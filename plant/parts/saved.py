@@ -17,7 +17,7 @@ import casadi as ca
 import numpy as np
 
 from plant.parts.arguments import choice
-from plant.parts.files import read_bounded, write_whole
+from plant.parts.files import read_bounded, require_new, write_whole
 from plant.parts.kinds import class_of, kind_of
 from plant.parts.plain import from_plain, to_plain
 from plant.version import __version__
@@ -49,12 +49,14 @@ def fingerprint(value: Any) -> str:
 class Saved:
     """Base of what can be saved to a file and loaded from it."""
 
-    def save(self, path: str | Path) -> None:
+    def save(self, path: str | Path, *, overwrite: bool = True) -> None:
         """Write a JSON file that `load` reads back without loss of a bit.
 
         After an error the previous file is unchanged. A part of the user's own class is refused,
-        since the file cannot hold its equations.
+        since the file cannot hold its equations; so is a file that is there, without `overwrite`.
         """
+        if not overwrite:
+            require_new(path, overwrite)
         try:
             content = to_plain(self)
         except ValueError as error:
