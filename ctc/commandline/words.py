@@ -17,6 +17,9 @@ _ELSEWHERE = ("prior", "resonance")
 # Calls without an option of the same name: pattern (a space matches any white space) -> words.
 _PHRASES = {
     r'identify\(\.\.\., unknown=\\?"friction\\?"\)': "identify with --unknown friction",
+    r"; tolerances=Tolerances\(gear=\.\.\.\) states yours": "",
+    r"identify\(\.\.\., tolerances=Tolerances\(gear=\.\.\.\)\)": "tolerances= of identify in Python",
+    r"identify\(\.\.\., elasticity=True\)": "identify with --elasticity",
     r"spread of the prior\b": "--prior",
     r", or \(bodies or f, 0\.3\)": "",
     r"; found\.assumed\(\)": "; more of it: onepulse report",

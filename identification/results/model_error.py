@@ -10,7 +10,7 @@ Control Systems 3, 1966 (consider covariance); G. J. Bierman, Factorization meth
 sequential estimation, 1977, ch. 8.
 """
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 
 import numpy as np
 
@@ -129,15 +129,15 @@ class Doubt:
         result[np.ix_(self.keep, self.keep)] = total + np.outer(bias, bias)
         return result
 
-    def friction(self, tolerances: Tolerances) -> dict[str, float]:
-        """Standard deviations of friction that is not unknown, if it were fitted with all else."""
+    def friction(self, tolerances: Tolerances, unknown: Collection[str]) -> dict[str, float]:
+        """Standard deviations of friction that is not `unknown`, if it were fitted with all else."""
         names = [
             name
             for name in self.effects
             if kind_of(name) in _KINDS
             and _KINDS[kind_of(name)].removable
             # What is unknown has its own deviation; its effect beside itself is a rounding error.
-            and f"drive.{name}" not in self.at.model.unknown
+            and f"drive.{name}" not in unknown
         ]
         # Friction itself without a prior, as if it were unknown.
         prior = priors(tolerances, list(self.effects), self.efforts) | dict.fromkeys(names, np.inf)

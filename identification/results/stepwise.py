@@ -87,7 +87,7 @@ def detect(problem: Problem, fit: Fit, outcome: Outcome, delay: float = 0.0) -> 
             detection,
             assumed=doubt.assumed(),
             doubt=added,
-            friction=doubt.friction(problem.tolerances),
+            friction=doubt.friction(problem.tolerances, problem.unknown),
         )
     except (ValueError, np.linalg.LinAlgError) as error:
         return Detection(reason=str(error))

@@ -121,7 +121,7 @@ def test_warnings_come_first(found, tmp_path):
         < text.index("Parameters")
     )
     assert "Nothing in the log contradicts" not in text
-    assert "on the nominal arm, which is unreliable" in text
+    assert "on the nominal arm, of an unreliable identification" in text
     assert "✓" not in text[: text.index("<h3>Warnings</h3>")]
 
 
@@ -263,6 +263,25 @@ def test_a_browser_shows_it_on_a_phone_and_prints_it(browser, page, tmp_path):
     assert 2 <= len(re.findall(rb"/Type\s*/Page\b", sheet)) <= 12
 
 
+def test_no_table_is_cut_off_on_a_screen(browser, page, tmp_path):
+    """In a window of 1,200 pixels every table has its room: none is to be scrolled."""
+    probe = (
+        "<script>onload = () => parent.postMessage([...document.querySelectorAll('.wide')]"
+        ".map(e => e.scrollWidth - e.clientWidth).join(' '), '*');</script></body>"
+    )
+    text = page.read_text(encoding="utf-8")
+    (tmp_path / "inner.html").write_text(text.replace("</body>", probe), encoding="utf-8")
+    (tmp_path / "screen.html").write_text(
+        "<iframe src='inner.html' width='1200' height='800'></iframe><p id='told'></p><script>"
+        "onmessage = e => { document.getElementById('told').textContent = e.data; }</script>"
+    )
+    address = f"file://{tmp_path}/screen.html"
+    done = browser("--virtual-time-budget=8000", "--dump-dom", address, home=tmp_path / "a")
+    beyond = re.search(r'id="told">([\d ]+)<', done.stdout).group(1).split()
+    assert len(beyond) >= 4
+    assert set(beyond) == {"0"}
+
+
 def test_a_long_curve_is_drawn_by_its_extremes():
     """Two samples per place of the axis: the least and the largest of all are there, in their
     order.
@@ -346,3 +365,21 @@ def test_which_result_is_of_another_identification_is_said(found, tmp_path, off,
     with pytest.raises(ValueError, match=rf"with this identification's f; {named} another\."):
         write_report(found, evaluation, certificate, tmp_path / "mixed.html")
     assert not (tmp_path / "mixed.html").exists()
+
+
+def test_of_a_set_the_page_names_the_worst_motion_and_has_the_verdict_on_all(found, tmp_path):
+    """The same shares as on the screen."""
+    law = ComputedTorque(found.arm, found.rig)
+    motions = {"slow": PATH.slowed(2.0), "as logged": PATH}
+    proofs = certify(found, found.rig, law, motions, samples=20, duration=0.3, progress=False)
+    worst = proofs[proofs.worst]
+    held = evaluate(found.arm, found.rig, law, worst.reference, duration=0.3)
+    write_report(found, proofs, held, path=tmp_path / "set.html")
+    said = words(tmp_path / "set.html")
+    assert proofs.verdict in said
+    assert "20 sampled arms, in 2 motions" in said
+    assert said.count(f"in '{proofs.worst}', the worst of the motions") == 3
+    # Of a path of its own the page does not say that it is that motion.
+    other = evaluate(found.arm, found.rig, law, PATH.slowed(3.0), duration=0.3)
+    write_report(found, proofs, other, path=tmp_path / "other.html")
+    assert words(tmp_path / "other.html").count("the worst of the motions") == 1

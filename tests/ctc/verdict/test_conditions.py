@@ -295,11 +295,13 @@ def test_friction_that_comes_first_is_to_be_identified(found):
     )
     assert rubs.sensitivities[0].name == "drive.coulomb[1]"
     assert 0 < rubs.probability < 0.5
-    assert rubs.friction_known == 0
+    # At most one of 256: the last bits of f decide on a sample at the limit.
+    assert rubs.friction_known <= 1 / 256
     said = " ".join(str(rubs).split())
+    share = "0 %" if not rubs.friction_known else "0.39 %"
     assert (
-        "friction decides: with friction identified from this log, 0 % of the first samples exceed the"
-        " limit" in said
+        f"friction decides: with friction identified from this log, {share} of the first samples"
+        " exceed the limit" in said
     )
     assert 'identify(..., unknown="friction")' in said
     assert "another controller" not in said

@@ -150,7 +150,7 @@ def test_the_table_has_the_numbers():
         (got.rms_error_pulses, ".2f"),
         (got.max_true_error_pulses, ".2f"),
         (got.peak_torque, ".0f"),
-        (got.chatter, ".1f"),
+        (got.chatter, ".2g"),
         (got.saturation, ".2%"),
     ):
         written = [f"{value:{form}}" for value in values]

@@ -90,11 +90,17 @@ def test_several_records_add():
 FRICTION = tuple(f"drive.{kind}[{i}]" for kind in ("viscous", "coulomb") for i in (0, 1))
 
 
+GAINS = "law.gain[0]", "law.gain[1]"
+
+
 @pytest.mark.parametrize(
     ("words", "names"),
     [
         ("friction", (*puma560.dynamics().names, *FRICTION)),
-        ("gains", (*puma560.dynamics().names, "law.gain[0]", "law.gain[1]")),
+        ("gains", (*puma560.dynamics().names, *GAINS)),
+        (("friction",), (*puma560.dynamics().names, *FRICTION)),
+        (("gains", FRICTION[3]), (*puma560.dynamics().names, *GAINS, FRICTION[3])),
+        ((FRICTION[3],), (*puma560.dynamics().names, FRICTION[3])),
         (("friction", "f"), (*FRICTION, *puma560.dynamics().names)),
         (
             ("f", "drive.coulomb[1]", "friction"),

@@ -246,3 +246,15 @@ def test_a_link_is_followed_and_a_device_is_left_alone(path, tmp_path):
     assert (tmp_path / "link.json").is_symlink()
     with pytest.raises(ValueError, match="it is a folder, a pipe or a device"):
         RIG.save(os.devnull)
+
+
+def test_a_file_that_is_there_is_refused_where_it_may_not_be_replaced(path):
+    """As the other functions that write; `save` itself replaces it."""
+    rig = puma560.rig()
+    rig.save(path, overwrite=False)
+    before = path.read_bytes()
+    with pytest.raises(ValueError, match="target must be a new file"):
+        puma560.p_law().save(path, overwrite=False)
+    assert path.read_bytes() == before
+    puma560.p_law().save(path, overwrite=True)
+    assert Law.load(path) == puma560.p_law()
