@@ -85,12 +85,12 @@ def write_report(
             raise ValueError(f"results must be one Evaluation and one Certificate at most; {got}")
         by_type[kind] = result
     strangers = []
-    for result in by_type.values():
-        law = result.law if isinstance(result, Certified) else result.record.law
+    for made in by_type.values():
+        law = made.law if isinstance(made, Certified) else made.record.law
         # Laws without a model fit every arm.
         arm = getattr(law, "arm", None)
         if arm is not None and not np.array_equal(arm.f, found.arm.f):
-            strangers.append(type(result).__name__.lower())
+            strangers.append(type(made).__name__.lower())
     if strangers:
         both = f"{' and '.join(strangers)} {'have' if len(strangers) > 1 else 'has'} another"
         advice = "Make it again from found, or give the identification that they are of"

@@ -2,11 +2,12 @@
 
 import math
 import textwrap
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
 
+from ctc.certification.certificates import Certificates
 from ctc.report.page import figure, section
 from identification.equation_error.naming import units as units_of
 from identification.results.seen import counted, seen
@@ -68,7 +69,7 @@ def _verdict(identification: Any, evaluation: Any, certificate: Any) -> str:
     if certificate is not None:
         title = f"{type(certificate.law).__name__} on {len(certificate.plants):,} sampled arms"
         # A set has a motion of each name; its verdict is that of all of them.
-        if isinstance(certificate, Mapping):
+        if isinstance(certificate, Certificates):
             title += f", in {len(certificate)} motions"
         if doubtful:
             title += _UNRELIABLE
@@ -92,14 +93,14 @@ def _verdict(identification: Any, evaluation: Any, certificate: Any) -> str:
 
 def _along(certificate: Any, path: Any) -> str:
     """The worst motion of a set, as an end of a sentence; empty if the path is another one."""
-    if not isinstance(certificate, Mapping) or _worst(certificate).reference != path:
+    if not isinstance(certificate, Certificates) or _worst(certificate).reference != path:
         return ""
-    return f", in {certificate.worst!r}, the worst of the motions"  # type: ignore[attr-defined]
+    return f", in {certificate.worst!r}, the worst of the motions"
 
 
 def _worst(certificate: Any) -> Any:
     """The certificate of one path that a page shows."""
-    return certificate[certificate.worst] if isinstance(certificate, Mapping) else certificate
+    return certificate[certificate.worst] if isinstance(certificate, Certificates) else certificate
 
 
 def _sentence(phrase: str) -> str:
