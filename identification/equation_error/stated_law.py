@@ -6,6 +6,7 @@ import numpy as np
 
 from identification.equation_error.law_memory import FADED, at_work, reading, state_directions
 from identification.equation_error.torque_logs import law_torque, logged_torque, torque_of
+from identification.equation_error.torque_noise import independent_noise
 from plant import Record, Resumed
 from plant.parts import Floats, frozen_settings
 from plant.parts.sums import least
@@ -37,7 +38,7 @@ SETTINGS = StatedLawSettings()
 
 
 def torque_apart(record: Record) -> Floats | None:
-    """Relative RMS distance (n,) of the logged torque from that of the stated law.
+    """Relative RMS distance (n,) of the logged torque from that of the stated law, less noise.
 
     None where nothing can be compared: nothing logged, counts that were moved, no law or one that
     repeats the log, fast hardware with a memory, or a reference whose rounding hides the torque.
@@ -58,7 +59,10 @@ def torque_apart(record: Record) -> Floats | None:
     rows = FADED + np.flatnonzero(lost[FADED:] == lost[:-FADED])
     if not rows.size:
         return None
-    distance = np.sqrt(np.mean((torque - logged)[rows] ** 2, axis=0))
+    squares = np.mean((torque - logged)[rows] ** 2, axis=0)
+    # The noise of a current sensor is no other law.
+    noise = independent_noise(logged[rows], torque[rows], held=law.period is not None)
+    distance = np.sqrt(np.maximum(squares - noise**2, 0))
     size = np.sqrt(np.mean(logged[rows] ** 2, axis=0))
     # A joint without torque has no share of it.
     return distance / np.maximum(size, 1e-9 * max(size.max(), 1e-300))

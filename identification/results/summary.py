@@ -94,6 +94,7 @@ def summary_of(result: Any, full: bool) -> Iterator[Piece]:
     else:
         yield Verdict("Nothing in the log contradicts what was stated.", True)
     yield f"{result.search.method}, {len(result.records)} record(s): {result.message}"
+    yield from _noise_of_torque(result)
     if any(is_long(along_log(record)) for record in (*result.records, *result.held_out)):
         yield (
             f"values are fitted to all samples; of a record longer than {LONG:,} the rig is tested,"
@@ -210,6 +211,21 @@ def _links_of(dynamics: Any) -> str:
         end = f" to {names[places[-1]]}" if len(places) > 1 else ""
         texts.append(f"{names[places[0]]}{end}: {labels[link]}")
     return "; ".join(texts)
+
+
+def _noise_of_torque(result):
+    """The noise of the torques that a fit repeated, of each motor."""
+    fit = result.fit
+    if fit.torque_noise is None or not fit.torque_noise.any():
+        return
+    drive = result.rig.drive
+    labels = result.arm.dynamics.chain.joint_labels
+    noise = np.abs(drive.motor_torque(fit.torque_noise))
+    sizes = ", ".join(f"{size:.2g} at {label}" for size, label in zip(noise, labels, strict=True))
+    yield (
+        f"noise of the logged torque: {sizes} [N m of the motor, rms]; it adds"
+        f" {fit.noise_innovation:.2g} pulses to the innovations"
+    )
 
 
 def _in_columns(cells: Sequence[tuple[str, ...]], columns: int) -> Table:

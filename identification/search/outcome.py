@@ -143,6 +143,11 @@ class Fit(Shown, Frozen):
         Of elastic gears. Where it only gives a bound, stiffness and damping have no variance.
     prior : Prior or None
         Of f.
+    torque_noise : (n,) numpy.ndarray or None
+        Standard deviation of the noise of a logged torque that the fit repeats, joint side [N m];
+        an upper bound where a controller's torque chatters. None where no torque was repeated.
+    noise_innovation : float
+        Root mean square of the innovations that this noise causes [pulses].
     """
 
     # The estimate itself.
@@ -163,6 +168,9 @@ class Fit(Shown, Frozen):
     # Elastic gears, and prior knowledge.
     resonance: GearResonance | None = None
     prior: Prior | None = None
+    # Noise of the torques that were repeated.
+    torque_noise: Floats | None = None
+    noise_innovation: float = 0.0
 
     def _short(self) -> str:
         covariance = "no covariance" if self.covariance is None else "with covariance"

@@ -25,6 +25,8 @@ from identification.equation_error.regressor import SPRINGS, linear
 from identification.equation_error.torque_error import torque_error
 from identification.equation_error.torque_fit import SETTINGS as TORQUE_WARNINGS
 from identification.equation_error.torque_fit import TorqueFit
+from identification.equation_error.torque_logs import measured_torque
+from identification.equation_error.torque_noise import white_noise
 from identification.replay.experiment import RATES
 from identification.replay.gauss_newton import (
     Solution,
@@ -294,8 +296,38 @@ def polished(
         gains=None if gains is None else solution.values[gains],
     )
     outcome = _with_undetermined(outcome, prediction, solution)
+    if problem.repeats_torques:
+        outcome = _with_torque_noise(outcome, problem, prediction, solution)
     grouped = _grouped(prediction, solution, k) if any(map(is_long, problem.records)) else None
     return replace(outcome, rounding=rounding, grouped=grouped)
+
+
+def _with_torque_noise(outcome, problem, prediction, solution):
+    """An outcome with the noise of the repeated torques, and the innovations that it causes.
+
+    These are simulated, beside other noise of the same size.
+    """
+    random = np.random.default_rng(problem.seed)
+    noises = np.array([_torque_noise(record) for record in problem.records])
+    torques = [
+        noise * random.normal(size=record.counts.shape)
+        for noise, record in zip(noises, problem.records, strict=True)
+    ]
+    beside = prediction.beside(torques).innovations(solution.values)
+    change = beside * prediction.scales - solution.residual
+    rms = np.sqrt(dot(change, change) / dot(prediction.weights, prediction.weights))
+    # A noise that loses the log explains nothing.
+    fit = replace(
+        outcome.fit,
+        torque_noise=np.sqrt(np.mean(noises**2, axis=0)),
+        noise_innovation=float(rms) if np.isfinite(rms) else 0.0,
+    )
+    return replace(outcome, fit=fit)
+
+
+def _torque_noise(record):
+    """Noise (n,) of the torque or current that a record repeats [N m]."""
+    return white_noise(measured_torque(record)[record.valid > 0])
 
 
 def _with_undetermined(outcome, prediction, solution):

@@ -60,17 +60,17 @@ def main():
         z = deviations(case, estimate)
         worst = int(np.argmax(np.abs(z)))
         relative = estimate.fit.values[worst] / case.truth[worst] - 1
-        (accused if estimate.warnings else clean).append(z)
+        (accused if estimate.doubts else clean).append(z)
         far = abs(z[worst]) > MOST
-        if far and not estimate.warnings:
+        if far and not estimate.doubts:
             wrong.append(seed)
         print(
-            f"{label}: {'WRONG ' if far and not estimate.warnings else ''}z {z[worst]:.1f} of"
+            f"{label}: {'WRONG ' if far and not estimate.doubts else ''}z {z[worst]:.1f} of"
             f" {case.unknown[worst]} ({relative:+.1%}), rms z {np.sqrt(np.mean(z**2)):.2f},"
             f" innovation {estimate.fit.rms_innovation:.3f}, {seconds:.1f} s",
             flush=True,
         )
-        for line in estimate.warnings:
+        for line in estimate.doubts:
             print(f"    {line[:200]}", flush=True)
     rms = np.sqrt(np.mean(np.concatenate(clean) ** 2)) if clean else np.nan
     print(

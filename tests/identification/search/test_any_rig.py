@@ -29,7 +29,7 @@ def test_the_engine_and_the_library_agree_about_the_torque(seed):
 def test_no_value_is_off_by_five_deviations_unless_something_is_said(seed):
     case = drawn(seed)
     estimate = identify(case.dynamics, case.record, unknown=case.unknown, progress=False)
-    assert estimate.warnings == []
+    assert estimate.doubts == []
     assert np.abs((estimate.fit.values - case.truth) / estimate.fit.std).max() < 5
 
 
@@ -41,6 +41,6 @@ def test_a_log_cut_out_of_a_motion_is_repeated_from_where_it_began():
     case = drawn(7)
     assert np.abs(case.record.error_pulses[0]).max() > 1
     estimate = identify(case.dynamics, case.record, unknown=case.unknown, progress=False)
-    assert estimate.warnings == []
+    assert estimate.doubts == []
     assert estimate.diagnostics.difference < 1.0
     assert np.abs((estimate.fit.values - case.truth) / estimate.fit.std).max() < 3
