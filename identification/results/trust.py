@@ -308,8 +308,208 @@ def _innovations(case):
             " small errors of the torque accumulate. Judge the values by found.error_on(record)."
         )
     elif rms is not None and rms > expected and not simulated:
-    # Those of output error are differences of a simulation, of which `_repeats` warns.
-    simulated = result.search.method == "output_error" and not case.replayed
-    # The noise of a repeated torque is no defect of the model; it adds to the rounding.
-    expected = np.hypot(SETTINGS.innovation, SETTINGS.noise * result.fit.noise_innovation)
-    if rms is not None and rms > expected and not simulated:
+        reason = "Was it made with this rig, law and reference?"
+        if case.replayed:
+            reason = (
+                "The rest is what it lacks (backlash, elasticity, changing friction), or a wrong"
+                " rig."
+            )
+        yield (
+            f"the model follows the log no closer than {rms:.2f} pulses (rounding alone: 0.29)."
+            f" {reason}"
+        )
+
+
+def _timing(case):
+    diagnostics = case.identification.diagnostics
+    delay = diagnostics.delay
+    names = diagnostics.detection.names
+    # Another cause can look like a delay; it is reported instead.
+    explained = names and "delay" not in names
+    if not case.replayed and is_late(delay, diagnostics.delay_std) and not explained:
+        absorbing = _absorbing_delay(case)
+        advice = f"Identify without_delay(record, {delay:.3g}) and compare"
+        if absorbing:
+            advice = (
+                f"This log hardly distinguishes that from another {', '.join(absorbing)}:"
+                f" {BY_NAME['delay'].telling}"
+            )
+        # More than a sample is rather an effect of wrong friction or gains.
+        elif abs(delay) > 1:
+            advice = "Ask record.check(); friction or gains other than stated look so, too"
+        biased = "" if absorbing else ", which biases f"
+        yield (
+            f"the counts are {abs(delay):.2f} samples {'late' if delay > 0 else 'early'}{biased}."
+            f" {advice}."
+        )
+
+
+def _absorbing_delay(case):
+    """Unknowns that shift the phase of the loop as a delay does."""
+    return [
+        name
+        for name in case.identification.fit.unknown
+        if name.startswith(("drive.viscous", "law.gain"))
+    ]
+
+
+def _absorbed_delay(case):
+    """Unknowns that take a delay over, in any log."""
+    absorbing = _absorbing_delay(case)
+    if absorbing and not case.replayed:
+        yield (
+            f"a delay of the log is not separately identifiable from {', '.join(absorbing)}; be"
+            " sure of the timing."
+        )
+
+
+def _oscillations(case):
+    """Loops that oscillate by themselves, each record at the frequency of its first such joint."""
+    result = case.identification
+    for i, record in enumerate(result.records):
+        # The model's loop hunts as well: counts and friction explain the oscillation.
+        if i in result.diagnostics.hunts:
+            continue
+        if frequencies := own_oscillations(record):
+            name = f"records[{i}]" if len(result.records) > 1 else "the log"
+            yield (
+                f"the loop of {name} oscillates at {frequencies[0]:.3g} Hz, where the model's may"
+                " not: it is unstable, or nearly. Lower the gains and log again, or state its cause"
+                " (current_lag=, elasticity=)."
+            )
+
+
+def _detected(case):
+    """Effects that the rig does not model."""
+    diagnostics = case.identification.diagnostics
+    if case.fits:
+        return
+    detection = diagnostics.detection
+    for cause in detection.causes:
+        # Late counts look like a lag of the currents, and `_law` has reported them.
+        if cause.name == "lag" and case.late:
+            continue
+        # Where the loop can be simulated, `_timing` reports the delay against the simulation.
+        if cause.name != "delay" or case.replayed or not np.isfinite(diagnostics.delay):
+            yield cause.line
+
+
+def _fallback(case):
+    reason = case.identification.fit.fallback_reason
+    if reason and not case.fits:
+        yield f"{reason}."
+
+
+def _repeats(case):
+    """How well a simulation with the values repeats the records, searched and held out."""
+    result = case.identification
+    diagnostics = result.diagnostics
+    difference = diagnostics.difference
+    # 1. The records that were searched.
+    if not np.isfinite(difference):
+        yield (
+            "D(q) is not positive definite at every q, or the simulation diverges: the arm cannot"
+            " be compared with the record, and no computed torque can be built on it. Log longer,"
+            " or another motion."
+        )
+    elif case.fits:
+        yield (
+            f"these values repeat the log to {difference:.2f} pulses (rms), those of"
+            f" prediction_error to {diagnostics.closest:.2f}, as the model repeats itself. The log"
+            " fits its model: identify with that method."
+        )
+    elif doubtful(diagnostics, result.records) and not case.replayed:
+        chance = ""
+        if diagnostics.limit > 0:
+            chance = f", above {diagnostics.limit:.2f} with a probability of {FALSE_ALARM:g}"
+        yield (
+            f"simulated and measured errors differ by {difference:.2f} pulses (rms); two runs of"
+            f" the model by {np.fmax(diagnostics.expected, ROUNDINGS):.2f}{chance}. Ask"
+            " record.check(), and look at the law and its gains, signs (error = reference minus"
+            " counted), friction, gears, springs, the direction of gravity, axes and lengths of the"
+            " chain, the order of joints, and counts per turn: as the rig counts, the joints move"
+            f" over {_ranges(result)}."
+        )
+    # 2. The records held out: a common difference is that of the model, not of the values.
+    held_out = diagnostics.held_out_difference
+    if case.fits or held_out is None:
+        return
+    # Two roundings alone differ so much, which no ratio may doubt.
+    limit = SETTINGS.held_out * max(difference, ROUNDINGS)
+    if held_out > np.fmax(limit, diagnostics.held_out_limit):
+        yield (
+            f"a validation record differs by {held_out:.2f} pulses, those searched by "
+            f"{difference:.2f}: the values do not hold for both."
+        )
+
+
+def _ranges(identification):
+    """Ranges of motion in the first record, as its rig counts."""
+    # A user compares these ranges with those of the experiment: wrong counts per turn show here.
+    record = identification.records[0]
+    spans = np.ptp(record.rig.to_angle(record.counts), axis=0)
+    return " and ".join(
+        f"{span:.3g} m" if link.prismatic else f"{np.rad2deg(span):.0f} degrees"
+        for span, link in zip(spans, identification.arm.dynamics.chain.links, strict=True)
+    )
+
+
+def pairs_of(identification: Any) -> list[tuple[str, str]]:
+    """Names of the pairs of values that are strongly correlated and uncertain each."""
+    if identification.covariance is None:
+        return []
+    fit = identification.fit
+    names = identification.short_names
+    # Of a pair, at least one value must be uncertain: two precise ones may be correlated.
+    vague = fit.std > SETTINGS.vague * np.abs(fit.values)
+    alike = (np.abs(fit.correlation) > SETTINGS.correlation) & (vague[:, None] | vague)
+    # Effects that the rig may lack move many values alike, so noise alone must correlate them too.
+    if fit.noise_covariance is not None:
+        of_noise = replace(fit, covariance=fit.noise_covariance)
+        alike &= np.abs(of_noise.correlation) > SETTINGS.correlation
+    # Each pair once.
+    return [(names[i], names[j]) for i, j in np.argwhere(np.triu(alike, 1))]
+
+
+def _pairs(case):
+    result = case.identification
+    pairs = pairs_of(result)
+    if len(pairs) > SETTINGS.pairs:
+        names = {name for pair in pairs for name in pair}
+        listed = ", ".join(sorted(names, key=result.short_names.index))
+        reason = "the log excites them too little, or the model is not its robot's"
+        yield f"{listed} are not separately identifiable ({len(pairs)} pairs): {reason}."
+
+
+# Causes in the order of their lines. A user reads the first line first, so a cause stands above its
+# effects.
+_CHECKS: tuple[tuple[str, Callable[[_Case], _Lines]], ...] = (
+    # 1. Statements and rows: with a wrong one, every line below may be its effect.
+    ("statement that no arm has", _statements),
+    # It needs no arm: law, reference, counts and torque show it.
+    ("wrong law, or counts late for it", _law),
+    # A wrong prior pulls f, and the innovations then look like those of a wrong rig.
+    ("wrong prior", _prior),
+    # Bridged rows bias f.
+    ("lost rows", _lost_rows),
+    # 2. Effects that the rig does not model bias the values, which the lines below doubt.
+    ("effect that the rig does not model", _detected),
+    ("method that fell back", _fallback),
+    # 3. The values themselves.
+    ("unknowns that act like the state of the controller", _undetermined),
+    ("range too narrow", _range_ends),
+    ("wrong rotor", _rotors),
+    ("torques biased in high bands", _torque_bands),
+    ("encoder offset out of range", _zeros),
+    # 4. Symptoms: all causes above can bring them about.
+    ("innovations beyond rounding", _innovations),
+    ("late counts", _timing),
+    ("delay that unknowns take over", _absorbed_delay),
+    ("unstable loop", _oscillations),
+    ("simulation that does not repeat the log", _repeats),
+    # 5. Last the lines that do not doubt the log, but the use of single values.
+    ("values that are not separately identifiable", _pairs),
+)
+
+# Checks whose lines hold for any log with these unknowns.
+_ALWAYS = (_absorbed_delay,)
