@@ -213,7 +213,7 @@ def _links_of(dynamics: Any) -> str:
     return "; ".join(texts)
 
 
-def _noise_of_torque(result):
+def _noise_of_torque(result: Any) -> Iterator[Piece]:
     """The noise of the torques that a fit repeated, of each motor."""
     fit = result.fit
     if fit.torque_noise is None or not fit.torque_noise.any():
