@@ -1,8 +1,8 @@
 """Contradictions between the torques of a log and the equation of motion, whatever f is.
 
 Each hypothesis restates the log, or gravity, as it would be without one mistake: the sign of a
-joint or of its torque, gravity turned, taken out of the torque, or a zero by a right angle, two
-columns exchanged, a torque that is late. Least squares of the smoothed torques on the smoothed
+joint or of its torque, gravity turned, tilted, or taken out of the torque, a zero by a right angle,
+two columns exchanged, a torque that is late, or without friction. Least squares of the smoothed torques on the smoothed
 motion, with base parameters and friction of any value, shows how much of the torque is left. Where
 the torque of a sampled law was not logged, the law is run along the log, and its initial integral
 is a constant.
@@ -59,6 +59,15 @@ class RestatedSettings:
     suspected : float
         Share of the torques that must be left as stated, so that zeros, exchanges and timing are
         tried: they are many.
+    tilts : tuple of float
+        Angles [degrees] by which gravity is turned to find the likeliest tilt, one after the other.
+    level : float
+        Tilt [degrees] below which a base is level.
+    braked : float
+        Power of the stated friction, as a share of that of the torques, from which on a torque
+        without friction shows.
+    friction : float
+        Standard deviation of the logarithm of friction before the log is read.
     """
 
     equations: int = 700
@@ -67,6 +76,10 @@ class RestatedSettings:
     generated: float = -0.02
     unphysical: float = 15.0
     suspected: float = 0.02
+    tilts: tuple[float, ...] = (15.0, 5.0, 2.0)
+    level: float = 3.0
+    braked: float = 0.02
+    friction: float = 0.7
 
 
 SETTINGS = RestatedSettings()
@@ -81,7 +94,8 @@ class TorqueEquation:
     `motion`, `torque`, `dry` (M, n): positions, speeds and accelerations, torques of the joints,
     and signs of the speeds, filtered alike. `rows`: samples that are compared. `weightless` (n,):
     joints whose torque is any that friction can carry. `gravity`: factor of the stated gravity.
-    `constant`: whether each torque has an unknown constant.
+    `constant`: whether each torque has an unknown constant. `frictionless`: whether the torques are
+    known to have no friction in them.
     """
 
     dynamics: Dynamics
@@ -93,6 +107,7 @@ class TorqueEquation:
     weightless: Bools
     gravity: float = 1.0
     constant: bool = False
+    frictionless: bool = False
 
     @classmethod
     def of(cls, dynamics: Dynamics, record: Record) -> "TorqueEquation | None":
@@ -135,10 +150,50 @@ class TorqueEquation:
             resting = Motion(motion.q, 0 * motion.q, 0 * motion.q)
             still = regressor_along(self.dynamics, self.rig, names, resting)[0]
             Y = Y + (self.gravity - 1) * still
+        return np.concatenate([Y, *self._friction], axis=2)
+
+    @property
+    def _friction(self) -> list[Floats]:
+        """Columns (R, n, n) of viscous and dry friction, and of a constant torque."""
+        motion = Motion(*(signal[self.rows] for signal in self.motion))
         terms = (motion.qd, self.dry[self.rows], np.ones_like(motion.qd))
         eye = np.eye(self.dynamics.n)
-        friction = [eye * term[:, :, None] for term in terms[: 2 + self.constant]]
-        return np.concatenate([Y, *friction], axis=2)
+        return [eye * term[:, :, None] for term in terms[: 2 + self.constant]]
+
+    @functools.cached_property
+    def leaning(self) -> tuple[Floats, Floats]:
+        """The likeliest tilt (2,) [rad] about the level axes of the base, and its regressor."""
+        motion = Motion(*(signal[self.rows] for signal in self.motion))
+        resting = Motion(motion.q, 0 * motion.q, 0 * motion.q)
+        arms, axes = _leaning_arms(self.dynamics)
+        gravity = np.array(self.dynamics.chain.gravity)
+        gravities = np.array([arm.chain.gravity for arm in arms])
+        weights = [regressor_along(arm, self.rig, arm.names, resting)[0] for arm in arms]
+        weightless = regressor_along(arms[0], self.rig, arms[0].names, motion)[0] - weights[0]
+
+        def tilted(tilt):
+            # Gravity is turned about the level axes: the torque is linear in it.
+            angle = np.hypot(*tilt)
+            turned = np.cos(angle) * gravity
+            turned += np.sinc(angle / np.pi) * np.cross(tilt @ axes, gravity)
+            shares = np.linalg.solve(gravities.T, turned)
+            Y = weightless + np.einsum("g,grnk->rnk", shares, weights)
+            return np.concatenate([Y, *self._friction], axis=2)
+
+        tilt = np.zeros(2)
+        for step in np.deg2rad(SETTINGS.tilts):
+            middle = self.with_columns(tilted(tilt)).left ** 2
+            moves = np.zeros(2)
+            for axis, move in enumerate(step * np.eye(2)):
+                less, more = (
+                    self.with_columns(tilted(tilt + sign * move)).left ** 2 for sign in (-1, 1)
+                )
+                # The vertex of a parabola through three squares, or a step downhill.
+                curvature = less - 2 * middle + more
+                vertex = (less - more) / (2 * curvature) if curvature > 0 else np.sign(less - more)
+                moves[axis] = step * np.clip(vertex, -2, 2)
+            tilt = tilt + moves
+        return tilt, tilted(tilt)
 
     @functools.cached_property
     def evidence(self) -> float:
@@ -166,15 +221,51 @@ class TorqueEquation:
         values = np.linalg.lstsq(A.T @ A, A.T @ b, rcond=1e-12)[0]
         left = float(np.sqrt(np.mean((b - A @ values) ** 2)))
         speed = self.motion.qd[self.rows].ravel()
-        p = self.dynamics.p
+        p = A.shape[1] - sum(friction.shape[2] for friction in self._friction)
         power = float((speed * (A[:, p:] @ values[p:])).sum() / (np.abs(speed * b).sum() or 1.0))
         return left, power
 
+    @property
+    def braking(self) -> float:
+        """Power of the stated friction, as a share of that of the torques."""
+        drive = self.rig.drive
+        speed = self.motion.qd[self.rows]
+        # Signs are those of the counts, which a gear may turn.
+        dry = np.abs(self.dry[self.rows]) * np.sign(speed)
+        friction = drive.joint_viscous() * speed + drive.joint_coulomb() * dry
+        return float((speed * friction).sum() / (np.abs(speed * self.torque[self.rows]).sum() or 1))
+
+    def with_columns(self, columns: Floats) -> "TorqueEquation":
+        """The same log with another regressor (R, n, k)."""
+        equation = replace(self)
+        equation.__dict__["columns"] = columns
+        return equation
+
     def with_torque(self, torque: Floats) -> "TorqueEquation":
         """The same motion with another torque (M, n): its regressor stays."""
-        equation = replace(self, torque=torque)
-        equation.__dict__["columns"] = self.columns
-        return equation
+        return replace(self, torque=torque).with_columns(self.columns)
+
+
+@functools.lru_cache(maxsize=4)
+def _leaning_arms(dynamics: Dynamics) -> tuple[list[Dynamics], Floats]:
+    """The arm under three directions of gravity, which span all; the level axes (2, 3) of its base.
+
+    Which parameters act depends on the direction: those of an oblique one act in all.
+    """
+    chain = dynamics.chain
+    gravity = np.array(chain.gravity)
+    size = np.linalg.norm(gravity)
+    level = np.eye(3)[np.abs(gravity).argmin()]
+    level = level - (level @ gravity) / size**2 * gravity
+    axes = np.array([level, np.cross(gravity / size, level)]) / np.linalg.norm(level)
+    # Oblique, and no two of them alike; chosen by hand.
+    oblique = [
+        replace(chain, gravity=tuple(gravity + size * shares @ axes))
+        for shares in np.array([[0.4, 0.3], [-0.5, 0.3], [0.2, -0.6]])
+    ]
+    first = Dynamics.from_chain(oblique[0])
+    others = [Dynamics(chain=chain, lumping=first.lumping) for chain in oblique[1:]]
+    return [first, *others], axes
 
 
 def _signs(n, joint):
@@ -209,6 +300,35 @@ def _zero_moved(equation, joints, size):
     shift = np.zeros(equation.dynamics.n)
     shift[list(joints)] = np.deg2rad(size)
     return replace(equation, motion=equation.motion._replace(q=equation.motion.q - shift))
+
+
+def _tilts(equation, joints):
+    """The likeliest tilt of the base [degrees]; none of a level one, or without gravity."""
+    if not any(equation.dynamics.chain.gravity):
+        return ()
+    degrees = float(np.rad2deg(np.hypot(*equation.leaning[0])))
+    return (degrees,) if degrees > SETTINGS.level else ()
+
+
+def _levelled(equation, joints, size):
+    """The base tilted as is likeliest."""
+    return equation.with_columns(equation.leaning[1])
+
+
+def _without_friction(equation, joints, size):
+    """Torques that are known to have no friction in them."""
+    return replace(equation, frictionless=True).with_columns(equation.columns)
+
+
+def _frictionless(equation, joints):
+    """Share of the torques [%] that is friction, and the odds for none."""
+    stated = equation.braking
+    # The torque of the law drives the motor, friction and all.
+    if equation.frictionless or equation.constant or stated < SETTINGS.braked:
+        return
+    share = max(abs(equation.fitted[1]), 1e-3)
+    if share < stated:
+        yield 100 * share, 0.5 * (math.log(share / stated) / SETTINGS.friction) ** 2
 
 
 def _exchanged(signal, joints):
@@ -284,6 +404,26 @@ HYPOTHESES = (
         against=6.0,
     ),
     Hypothesis(
+        name="tilted base",
+        sentence="the base is tilted by about {value:.0f} degrees against the stated gravity",
+        remedy="Correct the gravity of the chain",
+        undo=_levelled,
+        suggested=_tilts,
+        against=14.0,
+        unit="degrees",
+    ),
+    # Friction is within a factor of four of the stated one in most drives.
+    Hypothesis(
+        name="torques without friction",
+        sentence="the torque is that of a model, or of a sensor behind the gears: friction is"
+        " {value:.1g} % of it, which the rig states differently",
+        remedy="Log the torque, or the current, of the motors",
+        undo=_without_friction,
+        evidence=_frictionless,
+        against=10.0,
+        unit="%",
+    ),
+    Hypothesis(
         name="joint zero",
         sentence="the zero of {joint} is {value:+.0f} degrees off",
         remedy="Correct the zero of the column, or the joint's offset in the chain",
@@ -321,7 +461,7 @@ HYPOTHESES = (
 )
 
 # Statements that are always tried; the others where much is left.
-_ALWAYS = ("gravity direction", "joint sign", "sign of the torques")
+_ALWAYS = ("gravity direction", "joint sign", "sign of the torques", "torques without friction")
 
 
 def contradictions(equation: TorqueEquation | None) -> tuple[Cause, ...]:
@@ -340,7 +480,9 @@ def contradictions(equation: TorqueEquation | None) -> tuple[Cause, ...]:
         replace(
             cause,
             sentence=f"{cause.sentence}. So stated, the equation of motion leaves {after:.1%} of"
-            f" the torques (rms); as it is, {before:.1%}",
+            f" the torques (rms); as it is, {before:.1%}"
+            if after < before
+            else cause.sentence,
             remedy=f"{cause.remedy}, and identify again",
         )
         for cause, before, after in zip(result.causes, left[:-1], left[1:], strict=True)
@@ -356,14 +498,19 @@ def _candidates(equation: TorqueEquation) -> Iterator[Candidate]:
         # Of a single joint, f of any value takes a turn over.
         scopes = hypothesis.scope(n) if n > 1 or hypothesis.scope is whole else ()
         for joints in scopes:
-            for size in hypothesis.sizes:
-                restated = hypothesis.undo(equation, joints, size)
-                odds = restated.evidence - equation.evidence - hypothesis.against
-                yield Candidate(hypothesis, joints, size, odds, functools.partial(_same, restated))
+            for size, odds in _scored(hypothesis, equation, joints):
+                corrected = functools.partial(hypothesis.undo, equation, joints, size)
+                yield Candidate(hypothesis, joints, size, odds - hypothesis.against, corrected)
 
 
-def _same(equation):
-    return equation
+def _scored(hypothesis, equation, joints):
+    """Sizes of a restatement, and how much likelier it makes the log."""
+    if hypothesis.evidence is not None:
+        yield from hypothesis.evidence(equation, joints)
+        return
+    sizes = hypothesis.suggested or (lambda equation, joints: hypothesis.sizes)
+    for size in sizes(equation, joints):
+        yield size, hypothesis.undo(equation, joints, size).evidence - equation.evidence
 
 
 @functools.lru_cache(maxsize=4)

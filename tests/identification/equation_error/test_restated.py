@@ -11,7 +11,7 @@ import pytest
 from identification.equation_error.restated import TorqueEquation, contradictions, restated
 from identification.results.alternatives import Sign
 from identification.results.detection import Detection
-from plant import PID, Chain, Dynamics, Harmonics, Link, Placement, puma560, simulate
+from plant import PID, Body, Chain, Dynamics, Harmonics, Link, Placement, puma560, simulate
 
 CHAIN = Chain(links=(Link(name="2", alpha=-np.pi / 2), Link(name="3", a=puma560.LINK_LENGTH)))
 DYNAMICS = Dynamics.from_chain(CHAIN)
@@ -90,6 +90,49 @@ def test_a_zero_by_a_right_angle_is_named():
     wrong = dataclasses.replace(equation, motion=equation.motion._replace(q=q))
     cause, *_ = contradictions(wrong)
     assert (cause.name, cause.joints, cause.size) == ("joint zero", (0,), 90.0)
+
+
+def waist():
+    """A run of a waist, which turns about the vertical, and a shoulder."""
+    inertia = (0.5, 0.5, 0.5, 0.0, 0.0, 0.0)
+    bodies = (
+        Body(mass=10.0, com=(0.1, 0.0, 0.0), inertia=inertia, rotor=0.0),
+        Body(mass=12.0, com=(0.3, 0.05, 0.0), inertia=inertia, rotor=0.0),
+    )
+    chain = Chain(links=(Link(name="1"), Link(name="2", alpha=-np.pi / 2)), bodies=bodies)
+    path = Harmonics(
+        period=3.0,
+        offset=(0.2, -0.3),
+        cosine=((0.5, 0.1), (0.2, 0.4)),
+        sine=((0.1, -0.3), (0.5, 0.1)),
+    )
+    rig = puma560.rig()
+    dynamics = Dynamics.from_chain(chain.with_rotors(rig.drive))
+    return chain, simulate(dynamics.arm(dynamics.f()), rig, puma560.p_law((0.1, 0.08)), path)
+
+
+def test_a_base_that_is_tilted_is_named_with_its_angle():
+    """By 45 degrees: gravity acts on the waist too. It is no zero of a joint."""
+    chain, record = waist()
+    assert restated(Dynamics.from_chain(chain.with_rotors(record.rig.drive)), record) == ()
+    angle = np.deg2rad(45)
+    leaning = dataclasses.replace(chain, gravity=(9.81 * np.sin(angle), 0, -9.81 * np.cos(angle)))
+    cause, *_ = restated(Dynamics.from_chain(leaning.with_rotors(record.rig.drive)), record)
+    assert (cause.name, cause.joints) == ("tilted base", ())
+    assert cause.size == pytest.approx(45, abs=5)
+
+
+def test_a_torque_without_friction_is_named():
+    chain, record = waist()
+    equation = TorqueEquation.of(Dynamics.from_chain(chain.with_rotors(record.rig.drive)), record)
+    drive = equation.rig.drive
+    speed = equation.motion.qd
+    dry = np.abs(equation.dry) * np.sign(speed)
+    friction = drive.joint_viscous() * speed + drive.joint_coulomb() * dry
+    (cause,) = contradictions(equation.with_torque(equation.torque - friction))
+    assert cause.name == "torques without friction"
+    # half of it is within what drives differ by
+    assert contradictions(equation.with_torque(equation.torque - friction / 2)) == ()
 
 
 def test_two_mistakes_at_once_are_named_one_after_the_other():
