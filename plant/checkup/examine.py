@@ -19,8 +19,9 @@ from plant.checkup.rounding import rounding_findings
 from plant.checkup.score import Experiment
 from plant.checkup.signals import Signals
 from plant.checkup.stamps import lost_findings, time_findings
+from plant.checkup.trials import Trials
 from plant.checkup.views import cause_findings, copied_columns, measured_findings
-from plant.checkup.without_arm import SWITCHES, TABLE, Trials
+from plant.checkup.without_arm import SWITCHES, TABLE
 from plant.parts.fields import Floats
 from plant.parts.one_thread import one_thread
 

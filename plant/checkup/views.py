@@ -6,12 +6,15 @@ from typing import Any
 import numpy as np
 
 from plant.checkup.counts import hardly_asked
+from plant.checkup.evidence import delays, lag
 from plant.checkup.finding import Check, Finding, unless
 from plant.checkup.hypothesis import SELECTION, Cause, Ranking
 from plant.checkup.innovation import LEAST_MOTION
 from plant.checkup.score import Experiment
 from plant.checkup.signals import TRACKING, Signals
-from plant.checkup.without_arm import SWITCHES, Trials, counts_in_time, delays, lag
+from plant.checkup.trials import Trials
+from plant.checkup.undo import counts_in_time
+from plant.checkup.without_arm import SWITCHES
 from plant.laws.law import block_of
 
 CAUSES = "swapped joints", "gear sign", "delay", "drive sign", "swapped torques", "units of torque"

@@ -1,0 +1,324 @@
+"""Sizes of mistakes that a log suggests, and evidence that the score does not have."""
+
+from collections.abc import Callable, Iterator
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from plant.checkup.hypothesis import Joints
+from plant.checkup.quantisation import STEP_NOTE, grid
+from plant.checkup.rounding import rounding_log_odds
+from plant.checkup.score import Experiment
+from plant.checkup.stamps import chance_of_period
+from plant.checkup.torque_regression import TorqueRegression, least_squares
+from plant.checkup.undo import SLACK, counted_in_steps, gains_in_ampere
+from plant.laws.law import block_of
+from plant.parts.fields import Floats
+
+
+# -- sizes that the log itself suggests ------------------------------------------------------------
+def _ratios(numerator, denominator):
+    """Regression (n,) of one table of columns on another; 1 where there is nothing."""
+    power = (denominator**2).sum(axis=0)
+    ratio = (numerator * denominator).sum(axis=0) / np.where(power > 0, power, 1.0)
+    return np.where((power > 0) & (ratio != 0), ratio, 1.0)
+
+
+def _centred(column):
+    return column - column.mean() if len(column) else column
+
+
+def _speeds(experiment, name):
+    table = getattr(experiment.signals, name)
+    return np.column_stack([experiment.filtered(name, table, i).speed for i in range(experiment.n)])
+
+
+def slopes(experiment: Experiment, joints: Joints) -> tuple[float, ...]:
+    """Speed of the counts over that of the reference: of a joint, or the median of all."""
+    if experiment.signals.reference is None:
+        return ()
+    ratio = _ratios(_speeds(experiment, "counts"), _speeds(experiment, "reference"))
+    return _positive(np.median(ratio[list(joints) or slice(None)]))
+
+
+def inverse_slopes(experiment: Experiment, joints: Joints) -> tuple[float, ...]:
+    """Speed of the reference over that of the counts."""
+    return tuple(1 / slope for slope in slopes(experiment, joints))
+
+
+def torque_ratios(experiment: Experiment, joints: Joints) -> tuple[float, ...]:
+    """Logged over commanded torque: of a joint, or the median of all."""
+    law = experiment.record.law
+    # The unknown memory of a law makes its steps another size.
+    commanded, logged = experiment.commanded, experiment.signals.torque
+    if commanded is None or logged is None or law is None or law.has_memory(experiment.n):
+        return ()
+    drive = experiment.record.rig.drive
+    limit = drive.motor_gain * drive.current_limit
+    # An amplifier at its limit shows its limit, and no gain.
+    limited = np.abs(np.abs(logged) / limit - 1) < _AT_LIMIT
+    ratio = np.array(
+        [
+            _ratios(_centred(logged[rows, i]), _centred(commanded[rows, i]))
+            for i, rows in enumerate(~limited.T)
+        ]
+    )
+    return _positive(np.median(ratio[list(joints) or slice(None)]))
+
+
+def command_ratios(experiment: Experiment, joints: Joints) -> tuple[float, ...]:
+    """Commanded over logged torque."""
+    return tuple(1 / ratio for ratio in torque_ratios(experiment, joints))
+
+
+def common_step(experiment: Experiment, joints: Joints) -> tuple[float, ...]:
+    """Step of the counts of all joints, where it is one number of pulses above 1."""
+    steps = [grid(column) for column in experiment.signals.counts.T]
+    return (steps[0],) if min(steps) > 1 and np.ptp(steps) < SLACK * steps[0] else ()
+
+
+def used_limits(experiment: Experiment, joints: Joints) -> tuple[float, ...]:
+    """Largest logged torque of a joint as a share of the amplifier's limit."""
+    drive = experiment.record.rig.drive
+    torque = experiment.signals.torque
+    i = joints[0]
+    if torque is None or not np.isfinite(drive.current_limit[i]):
+        return ()
+    share = float(np.abs(torque[:, i]).max() / drive.motor_gain[i] / drive.current_limit[i])
+    return (share,) if share < 1 - _RELEVANT else ()
+
+
+def friction_ratios(name: str) -> Callable[..., tuple[float, ...]]:
+    """Estimated over stated friction of a joint."""
+
+    def sizes(experiment, joints):
+        stated = getattr(experiment.record.rig.drive, name)[joints[0]]
+        if experiment.motions is None or not stated:
+            return ()
+        return _positive(getattr(experiment.motions[joints[0]], name) / stated)
+
+    return sizes
+
+
+def _positive(ratio):
+    # A factor of one changes nothing, and signs have rows of their own.
+    return (float(ratio),) if ratio > 0 and abs(ratio - 1) > _RELEVANT else ()
+
+
+# Relative distance from the amplifier's limit within which a torque is limited.
+_AT_LIMIT = 0.02
+
+# A factor nearer to one is within what rounding and an imperfect undo cause.
+_RELEVANT = 0.03
+
+
+DELAYS = (-2.0, -1.0, -0.5, 0.5, 1.0, 2.0, 3.0, 5.0, 8.0)
+"""Samples by which counts may be late; the best is refined."""
+
+TORQUE_DELAYS = (-1.0, -0.5, 0.5, 1.0, 2.0, 4.0, 8.0)
+"""The same of torques, which no cause makes early by much."""
+
+
+def delay_sizes(sizes: tuple[float, ...]) -> Callable[..., tuple[float, ...]]:
+    """Delays that are tried: those that torque and motion alone can show, where no law helps."""
+
+    def tried(experiment, joints):
+        if experiment.torques_of_law is not None or experiment.signals.torque is None:
+            return sizes
+        # Torque is held between samples, drives take time, and feedback has noise.
+        return tuple(size for size in sizes if size > _UNSEEN)
+
+    return tried
+
+
+# Samples of delay that torque and motion alone do not show.
+_UNSEEN = 2.5
+
+
+# -- evidence of other kinds -----------------------------------------------------------------------
+def rounding_evidence(experiment: Experiment, joints: Joints) -> Iterator[tuple[float, float]]:
+    """Log odds of the convention that is not stated, by the width of the cell at zero."""
+    encoder, notes = experiment.record.rig.encoder, experiment.record.notes or {}
+    # Positions that were no whole pulses were rounded by the reader, not by a counter.
+    if encoder.smooth or any(STEP_NOTE.format(i) in notes for i in range(experiment.n)):
+        return
+    odds = rounding_log_odds(experiment.signals)
+    if odds is not None:
+        yield 1.0, -odds if encoder.rounding == "fix" else odds
+
+
+class Delay(NamedTuple):
+    """Estimates of a delay [samples] with their standard deviations, joint by joint (n,).
+
+    `by_jerk`: of the torque that grows with the jerk of late counts. `by_speed`: of the torque that
+    grows with their speed, beyond the stated viscous friction, which may be another by a factor.
+    """
+
+    by_jerk: Floats
+    jerk_std: Floats
+    by_speed: Floats
+    speed_std: Floats
+
+
+def delays(experiment: Experiment) -> Delay | None:
+    """Delays that the torque of a law without memory shows, where no torque is logged."""
+    signals = experiment.signals
+    if signals.torque is not None or experiment.commanded is None or not signals.long_enough:
+        return None
+    # The gain [N m/pulse] of a law without memory turns a shift of the counts into torque.
+    error = signals.reference - signals.counts
+    gain = (error * experiment.commanded).sum(axis=0) / np.maximum((error**2).sum(axis=0), 1e-300)
+    angle = experiment.record.rig.encoder.to_angle(np.ones(experiment.n))
+    # Viscous friction [N m s/rad] that looks like a delay of one sample.
+    per_sample = np.abs(gain * signals.interval / angle)
+    columns = np.full((4, experiment.n), np.nan)
+    stated = experiment.record.rig.drive.viscous
+    for i in range(experiment.n):
+        fit = TorqueRegression.of(signals, experiment.commanded, i)
+        if fit is not None and per_sample[i]:
+            spread = np.hypot(fit.viscous_std, _VISCOUS_SPREAD * stated[i])
+            speed = (fit.viscous - stated[i]) / per_sample[i]
+            columns[:, i] = fit.delay, fit.delay_std, speed, spread / per_sample[i]
+    return Delay(*columns)
+
+
+# Viscous friction as a rig states it, relative: it doubles with the temperature of the grease.
+_VISCOUS_SPREAD = 0.5
+
+
+def delay_evidence(experiment: Experiment, joints: Joints) -> Any:
+    """Log odds of late counts without a logged torque; None with one: the score has it then."""
+    logged = experiment.signals.torque is not None
+    if experiment.signals.reference is None:
+        return None if logged else ()
+    law = experiment.record.law
+    if law is not None and law.has_memory(experiment.n):
+        return _lag_evidence(experiment, joints) or (None if logged else ())
+    if logged:
+        return None
+    delay = experiment.once("delay", delays)
+    if delay is None:
+        return ()
+    chosen = list(joints) or slice(None)
+    jerk, jerk_std = delay.by_jerk[chosen], delay.jerk_std[chosen]
+    values = np.concatenate([jerk, delay.by_speed[chosen]])
+    stds = np.concatenate([jerk_std, delay.speed_std[chosen]])
+    for value, gain in _common(values, stds):
+        # Torque that grows with the speed but not with the jerk is friction.
+        if np.nansum((jerk**2 - (jerk - value) ** 2) / jerk_std**2) > 0:
+            return ((value, gain),)
+    return ()
+
+
+def _common(values, stds):
+    """The value that several estimates share, with its log odds against zero."""
+    weight = np.nan_to_num(1 / np.maximum(stds, 1e-9) ** 2)
+    if not weight.sum():
+        return ()
+    value = float(np.nansum(weight * values) / weight.sum())
+    gain = float(np.nansum(weight * (values**2 - (values - value) ** 2)) / 2)
+    return ((value, gain),)
+
+
+def _lag_evidence(experiment, joints):
+    """Log odds of counts behind the reference, under a law that feeds its acceleration forward."""
+    law = experiment.record.law
+    # Any other law needs an error to act, and lags by itself. Input 3 of a law's step is the
+    # reference's acceleration, output 0 the torque.
+    if law is None or not block_of(law, experiment.record.rig).step.jac_sparsity(0, 3).nnz():
+        return ()
+    values, stds = np.array(
+        [lag(experiment, i, friction=True) for i in joints or range(experiment.n)]
+    ).T
+    # What a law leaves of friction looks like a small lag.
+    if np.abs(values).max() < _LEAST_LAG or np.ptp(values) > _LEAST_LAG:
+        return ()
+    return _common(values, stds)
+
+
+# Samples of lag that a law leaves by what its model lacks.
+_LEAST_LAG = 0.2
+
+
+def lag(experiment: Experiment, i: int, *, friction: bool = False) -> tuple[float, float]:
+    """Samples by which the counts of joint i lag behind the reference, and standard deviation."""
+    signals = experiment.signals
+    reference = experiment.filtered("reference", np.asarray(signals.reference), i)
+    counts = experiment.filtered("counts", signals.counts, i)
+    columns = [reference.speed, np.ones(len(counts.value))]
+    # Friction that the law lacks is an error with the sign of the speed.
+    if friction:
+        columns.append(reference.direction)
+    value, std = least_squares(
+        np.column_stack(columns), reference.value - counts.value, signals.window
+    )
+    return value[0] / signals.interval, std[0] / signals.interval
+
+
+def gains_evidence(experiment: Experiment, joints: Joints) -> Any:
+    """Log odds of gains in A where no torque is logged: friction is as stated with the others."""
+    delay = experiment.once("delay", delays)
+    if delay is None or not hasattr(experiment.record.law, "gain"):
+        return None
+    changed = experiment.changed(gains_in_ampere(experiment.record, joints, 1.0))
+    after = delays(changed)
+    gain = changed.score - experiment.score
+    # Viscous friction alone is a parameter; gains change inertia and Coulomb friction, too.
+    if after is not None and gain > 0:
+        friction = (each.by_speed / each.speed_std for each in (delay, after))
+        gain += float(np.subtract(*(np.nansum(ratio**2) / 2 for ratio in friction)))
+    return ((1.0, gain),)
+
+
+def viscous_evidence(experiment: Experiment, joints: Joints) -> Any:
+    """Log odds of another viscous friction, which adds torque with the speed but not the jerk."""
+    if experiment.signals.torque is not None:
+        return None
+    delay = experiment.once("delay", delays)
+    i = joints[0]
+    stated = experiment.record.rig.drive.viscous[i]
+    if delay is None or not stated or not np.isfinite(delay.speed_std[i]):
+        return ()
+    size = friction_ratios("viscous")(experiment, joints)
+    return ((size[0], (delay.by_speed[i] / delay.speed_std[i]) ** 2 / 2),) if size else ()
+
+
+def grid_evidence(experiment: Experiment, joints: Joints) -> Iterator[tuple[float, float]]:
+    """Log odds of counts that are multiples of one step: free counts would use the cells between.
+
+    A broken step is a factor of units; a whole one is a coarser encoder, of which no log knows
+    whether the rig or the counts are to change.
+    """
+    for step in common_step(experiment, joints):
+        if step % 1:
+            levels = len(np.unique(experiment.signals.counts[:, 0]))
+            yield step, levels * float(np.log(step))
+
+
+def steps_evidence(experiment: Experiment, joints: Joints) -> Iterator[tuple[float, float]]:
+    """How much likelier the log is where law and rig count in whole steps."""
+    for step in common_step(experiment, joints):
+        changed = experiment.changed(counted_in_steps(experiment.record, joints, step))
+        yield step, changed.score - experiment.score
+
+
+def _interval_ratio(experiment):
+    return experiment.signals.interval / experiment.record.rig.period
+
+
+def time_unit_evidence(experiment: Experiment, joints: Joints) -> Iterator[tuple[float, float]]:
+    """Log odds of times in milliseconds or microseconds, by the rig's period."""
+    factor = 1e3 ** np.round(np.log10(_interval_ratio(experiment)) / 3)
+    if factor != 1:
+        yield float(factor), abs(float(np.log(factor))) * _PER_E_FOLD
+
+
+def period_evidence(experiment: Experiment, joints: Joints) -> Iterator[tuple[float, float]]:
+    """Log odds of another period of the rig, by the median interval of the stamps."""
+    ratio = _interval_ratio(experiment)
+    if 1e-3 + chance_of_period(experiment.signals) < abs(np.log(ratio)) < 3:
+        yield float(ratio), abs(float(np.log(ratio))) * 1e3 * _PER_E_FOLD
+
+
+# Stamps and period come from one clock: a thousandth is 3 standard deviations of what is usual.
+_PER_E_FOLD = 10.0

@@ -1,0 +1,133 @@
+"""Rows of the table, tried on a log: each with its likeliest size, and its log odds."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from plant.checkup.hypothesis import Candidate, Hypothesis
+from plant.checkup.score import Experiment
+from plant.checkup.without_arm import TABLE
+
+# Share of its evidence by which a refined size must be better.
+_RUGGED = 0.03
+
+
+@dataclass
+class Trials:
+    """Tries every row of a table on a log."""
+
+    table: Sequence[Hypothesis[Any]] = TABLE
+    failed: dict[str, str] = field(default_factory=dict)
+
+    def __call__(self, experiment: Experiment) -> Iterator[Candidate]:
+        """Candidates of all rows, each with its likeliest size."""
+        for hypothesis in self.table:
+            for joints in hypothesis.scope(experiment.n):
+                try:
+                    yield from self._candidates(experiment, hypothesis, joints)
+                except ValueError as error:
+                    self._name(hypothesis, f"cannot be undone in this log: {error}")
+                except Exception as error:  # of a user's own function
+                    if hypothesis in TABLE:
+                        raise
+                    self._name(hypothesis, f"failed: {error!r}")
+
+    def _name(self, hypothesis, reason):
+        """Name a user's own hypothesis that is left out; built-in ones do not concern every log."""
+        if hypothesis not in TABLE:
+            self.failed[hypothesis.name] = reason
+
+    def _candidates(self, experiment, hypothesis, joints):
+        def changed(size):
+            record = hypothesis.undo(experiment.record, joints, size)
+            if record == experiment.record:
+                self._name(hypothesis, "changes nothing in this log")
+            return experiment.changed(record)
+
+        evidence = hypothesis.evidence and hypothesis.evidence(experiment, joints)
+        if evidence is None:
+            evidence = self._scored(experiment, hypothesis, joints, changed)
+        names = _column_names(experiment, joints)
+        for size, gain in evidence:
+            if hypothesis.evidence is not None:
+                # A mistake that cannot be undone here is none of this log's.
+                undone = changed(size)
+                # Evidence of its own joins that of the score, which sees more of a large mistake.
+                if hypothesis.scored:
+                    gain = max(gain, undone.score - experiment.score)
+            odds = gain - hypothesis.against
+            words = {**names, "inverse": 1 / size if size else np.inf}
+            yield Candidate(hypothesis, joints, size, odds, partial(changed, size), words)
+
+    def _scored(self, experiment, hypothesis, joints, changed):
+        """The likeliest size, and how much likelier the log is without a mistake of that size."""
+        # Here, since it is slow to import.
+        from scipy.optimize import minimize_scalar
+
+        sizes = hypothesis.sizes
+        if hypothesis.suggested is not None:
+            sizes = hypothesis.suggested(experiment, joints)
+        if not sizes:
+            return []
+
+        def gain(size):
+            return changed(float(size)).score - experiment.score
+
+        gains = [gain(size) for size in sizes]
+        best = int(np.argmax(gains))
+        size, most = float(sizes[best]), gains[best]
+        # A delay of one joint shows in that joint, and not in others alone.
+        if hypothesis.check == "delay" and joints and most > hypothesis.against:
+            after = changed(size).terms
+            if (
+                sum(after[name][i] - experiment.terms[name][i] for name in after for i in joints)
+                < 0
+            ):
+                return []
+        tolerance = hypothesis.tolerance
+        if tolerance is None or most <= hypothesis.against:
+            return [(size, most)]
+        # Where nothing but the motion tells, a log that gets better and better is none of a delay.
+        if (
+            hypothesis.check == "delay"
+            and experiment.torques_of_law is None
+            and best == len(sizes) - 1
+        ):
+            return []
+        grid_of_sizes = len(sizes) > 1
+        if grid_of_sizes:
+            ends = sizes[max(best - 1, 0)], sizes[min(best + 1, len(sizes) - 1)]
+            options = {"xatol": 1e-3 * tolerance, "maxiter": 14}
+            result = minimize_scalar(
+                lambda size: -gain(size), bounds=ends, method="bounded", options=options
+            )
+            # Rounding makes the score rugged: a size of the grid stays unless another is clearly
+            # better.
+            if -result.fun > (1 + _RUGGED) * most:
+                size, most = float(result.x), -float(result.fun)
+        # Occam: a size that the log determines well was unlikely to be just that.
+        step = 0.02 * tolerance * (1.0 if grid_of_sizes else size)
+        curvature = (2 * most - gain(size + step) - gain(size - step)) / step**2
+        tolerance *= 1.0 if grid_of_sizes else size
+        return [(size, most - np.log1p(tolerance**2 * max(curvature, 0.0)) / 2)]
+
+
+def _column_names(experiment, joints):
+    """Names of the columns of the first joint in messages."""
+    signals = experiment.signals
+    joint = joints[0] if joints else 0
+    names = {
+        name: signals.column(name, joint) for name in ("torque", "counts", "reference", "error")
+    }
+    # The sign of the gear decides which direction of the joint a current drives.
+    if experiment.record.torque is None:
+        names["torque"] += ", or of the gear"
+    if signals.reference is None:
+        names["torque"] += ", of the counts or of the gear"
+    # The convention that is not stated.
+    if experiment.record.rig.encoder.rounding == "fix":
+        return names | {"cell": "no wide cell", "rounding": '"floor"'}
+    return names | {"cell": "a cell two pulses wide", "rounding": '"fix"'}

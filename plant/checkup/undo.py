@@ -1,0 +1,338 @@
+"""Mistakes undone: changes of a record, of its rig or of its law.
+
+Each function takes a record, the joints that the mistake concerns (none: all), and its size, and
+gives the record without the mistake; a ValueError says that the record does not allow that.
+"""
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from plant.checkup.hypothesis import Joints
+from plant.checkup.score import Experiment
+from plant.parts.fields import Floats
+
+
+def with_counts(record: Any, counts: Floats) -> Any:
+    """The record with other counts (N, n)."""
+    return replace(record, error_pulses=record.reference_pulses - counts)
+
+
+def with_reference(record: Any, pulses: Floats) -> Any:
+    """The record with another reference (N, n) [pulses]; its counts stay."""
+    # A stated `reference` would contradict the changed column.
+    return replace(
+        record, reference=None, reference_pulses=pulses, error_pulses=pulses - record.counts
+    )
+
+
+def with_torques(record: Any, change: Callable[[Floats], Floats]) -> Any:
+    """The record with logged torques and currents changed alike."""
+    # Torque and current of a record are one signal.
+    columns = {
+        name: change(getattr(record, name))
+        for name in ("torque", "current")
+        if getattr(record, name) is not None
+    }
+    if not columns:
+        raise ValueError("the record must have a torque or a current; it has none. Log one.")
+    return replace(record, **columns)
+
+
+def with_drive(record: Any, **changes: Any) -> Any:
+    """The record with another drive in its rig."""
+    return replace(record, rig=replace(record.rig, drive=replace(record.rig.drive, **changes)))
+
+
+def _needs_reference(record):
+    if not record.reference_pulses.any():
+        raise ValueError("the record must have a reference; it has none. Map reference_pulses.")
+
+
+def _mapped(record, *fields):
+    """Whether a file's columns of one of these fields were mapped."""
+    return bool(set(record.columns or ()) & set(fields))
+
+
+def _factors(record, joints, value):
+    """Factors (n,): `value` for these joints, or for all where there are none; otherwise 1."""
+    factors = np.ones(record.n)
+    chosen = list(joints) or slice(None)
+    factors[chosen] = np.broadcast_to(value, (record.n,))[chosen]
+    return factors
+
+
+def _order(record, joints):
+    order = np.arange(record.n)
+    order[list(joints)] = order[list(joints)[::-1]]
+    return order
+
+
+# -- order of columns ------------------------------------------------------------------------------
+def _reordered(record, pulses, joints, as_angles):
+    """Pulses (N, n) with two columns exchanged: as pulses, or as the angles that they were."""
+    order = _order(record, joints)
+    if not as_angles:
+        return pulses[:, order]
+    rig = record.rig
+    return rig.counts(rig.cell_centre(pulses)[:, order])
+
+
+def exchanged_counts(record: Any, joints: Joints, as_angles: float) -> Any:
+    """Exchange the counts of two joints."""
+    # Without a reference it is the exchange of the torques that shows.
+    _needs_reference(record)
+    return with_counts(record, _reordered(record, record.counts, joints, as_angles))
+
+
+def exchanged_references(record: Any, joints: Joints, as_angles: float) -> Any:
+    """Exchange the references of two joints."""
+    _needs_reference(record)
+    return with_reference(record, _reordered(record, record.reference_pulses, joints, as_angles))
+
+
+def exchanged_torques(record: Any, joints: Joints, as_motor: float) -> Any:
+    """Exchange the torques of two joints, on the joints' or on the motors' side."""
+    order = _order(record, joints)
+    drive = record.rig.drive
+    current = None if record.current is None else record.current[:, order]
+    if record.torque is None:
+        # Currents are on the motors' side.
+        if current is None:
+            raise ValueError("the record must have a torque; it has none. Log one.")
+        return replace(record, current=current)
+    torque = record.torque[:, order]
+    if as_motor:
+        torque = drive.joint_torque(drive.motor_torque(record.torque)[:, order])
+    return replace(record, torque=torque, current=current)
+
+
+# -- signs -----------------------------------------------------------------------------------------
+def _signs(record, joints):
+    return _factors(record, joints, -1.0)
+
+
+def _turned(record, pulses, joints, angles):
+    """Pulses (N, n) with the sign of these joints changed; angles as the encoder counts them."""
+    turned = record.rig.counts(-record.rig.cell_centre(pulses)) if angles else -pulses
+    return np.where(_signs(record, joints) < 0, turned, pulses)
+
+
+def turned_counts(record: Any, joints: Joints, size: float) -> Any:
+    """Change the sign of counts."""
+    # Without a reference, counts of the wrong sign look like a torque of the wrong sign.
+    _needs_reference(record)
+    angles = _mapped(record, "position")
+    return with_counts(record, _turned(record, record.counts, joints, angles))
+
+
+def turned_reference(record: Any, joints: Joints, size: float) -> Any:
+    """Change the sign of a reference."""
+    _needs_reference(record)
+    angles = _mapped(record, "reference_position")
+    return with_reference(record, _turned(record, record.reference_pulses, joints, angles))
+
+
+def turned_gear(record: Any, joints: Joints, size: float) -> Any:
+    """Change the sign of the gear, and of the columns that it converted from angles."""
+    positions = _mapped(record, "position")
+    references = _mapped(record, "reference_position")
+    # A gear that converted both columns, or none, leaves them in step.
+    if positions == references:
+        raise ValueError("one of counts and reference must be an angle. Change a sign instead.")
+    turned = turned_counts if positions else turned_reference
+    gear = _signs(record, joints) * record.rig.drive.gear
+    return with_drive(turned(record, joints, size), gear=gear)
+
+
+def turned_torque(record: Any, joints: Joints, size: float) -> Any:
+    """Change the sign of a torque, or of a current."""
+    signs = _signs(record, joints)
+    return with_torques(record, lambda torque: signs * torque)
+
+
+def turned_error(record: Any, joints: Joints, size: float) -> Any:
+    """Change the sign of an error, logged as counts less reference."""
+    _needs_reference(record)
+    if _mapped(record, "counts", "position", "motor_position"):
+        raise ValueError("the error must be a column; it was computed from the counts.")
+    return replace(record, error_pulses=_signs(record, joints) * record.error_pulses)
+
+
+# -- units -----------------------------------------------------------------------------------------
+def scaled_torque(factor: Callable[[Any], Any], name: str = "torque") -> Callable[..., Any]:
+    """Multiply the column `torque` or `current` by a factor that the rig gives."""
+
+    def undo(record, joints, size):
+        column = getattr(record, name)
+        # A logged torque goes before the current.
+        if column is None or (name == "current" and record.torque is not None):
+            raise ValueError(f"the record must have the column {name}. Map it.")
+        factors = _factors(record, joints, factor(record.rig))
+        # The motor's torque may have the direction of the motor, or that of the joint.
+        if size < 0:
+            factors = factors * np.sign(record.rig.drive.gear)
+        return replace(record, **{name: column * factors})
+
+    return undo
+
+
+def rescaled_torque(record: Any, joints: Joints, size: float) -> Any:
+    """Divide torques by a factor."""
+    factors = _factors(record, joints, size)
+    return with_torques(record, lambda torque: torque / factors)
+
+
+def with_gravity(record: Any, joints: Joints, size: float) -> Any:
+    """Add to the logged torque what it lacks of the commanded one and depends on the pose."""
+    experiment = Experiment(record)
+    commanded, logged = experiment.commanded, experiment.signals.torque
+    if commanded is None or logged is None:
+        raise ValueError("the record must have a torque and a law without memory. Log both.")
+    angle = np.cumsum(record.rig.cell_centre(experiment.signals.counts), axis=1)
+    pose = np.column_stack([np.ones(len(angle)), np.sin(angle), np.cos(angle)])
+    coefficients = np.linalg.lstsq(pose, commanded - logged, rcond=None)[0]
+    angle = np.cumsum(record.rig.cell_centre(record.counts), axis=1)
+    pose = np.column_stack([np.ones(len(angle)), np.sin(angle), np.cos(angle)])
+    drive = record.rig.drive
+    torque = drive.motor_torque(record.torque) if record.torque is not None else None
+    if torque is None:
+        torque = drive.motor_gain * record.current
+    gravity = drive.joint_torque(torque + pose @ coefficients)
+    return replace(record, torque=gravity, current=None)
+
+
+def scaled_counts(record: Any, joints: Joints, size: float) -> Any:
+    """Divide the counts by a factor."""
+    _needs_reference(record)
+    encoder = record.rig.encoder
+    counts = encoder.quantised(record.counts / _factors(record, joints, size))
+    return with_counts(record, counts)
+
+
+def scaled_reference(record: Any, joints: Joints, size: float) -> Any:
+    """Divide the reference by a factor."""
+    _needs_reference(record)
+    pulses = np.round(record.reference_pulses / _factors(record, joints, size))
+    return with_reference(record, pulses)
+
+
+def scaled_both(factor: Callable[[Any], Any] | None = None) -> Callable[..., Any]:
+    """Divide counts and reference by a factor of the rig, or by the size."""
+
+    def undo(record, joints, size):
+        factors = _factors(record, joints, size if factor is None else factor(record.rig))
+        # The motor's angle may have the direction of the motor, or that of the joint.
+        if factor is not None and size < 0:
+            factors = factors * np.sign(record.rig.drive.gear)
+        counts, reference = record.counts / factors, record.reference_pulses / factors
+        # Multiples of a step become whole again; anything else is rounded as counts are.
+        nearest = np.round(counts)
+        rounded = record.rig.encoder.quantised(counts)
+        counts = np.where(np.abs(counts - nearest) < SLACK, nearest, rounded)
+        reference = np.round(reference)
+        return replace(
+            record, reference=None, reference_pulses=reference, error_pulses=reference - counts
+        )
+
+    return undo
+
+
+# A multiple of a step, divided by it, may lie this far from a whole number [counts].
+SLACK = 1e-3
+
+
+def counted_in_steps(record: Any, joints: Joints, size: float) -> Any:
+    """Count in steps of so many pulses of the stated resolution."""
+    encoder = record.rig.encoder
+    encoder = replace(encoder, resolution=encoder.resolution / size)
+    undone = scaled_both()(record, joints, size)
+    return replace(undone, rig=replace(undone.rig, encoder=encoder))
+
+
+def _gains(law):
+    """Names of the numbers that make torque of errors; a law without such names is refused."""
+    names = [name for name in ("gain", "integral", "derivative") if hasattr(law, name)]
+    if "gain" not in names:
+        raise ValueError(f"the law must have a gain; got {type(law).__name__}.")
+    return names
+
+
+def other_gain(record: Any, joints: Joints, size: float) -> Any:
+    """Divide the gains of the law by a factor."""
+    factors = 1 / _factors(record, joints, size)
+    law = record.law
+    changes = {name: factors * np.array(getattr(law, name)) for name in _gains(law)}
+    return replace(record, law=replace(law, **changes))
+
+
+def gains_in_ampere(record: Any, joints: Joints, size: float) -> Any:
+    """Take the gains of the law as amperes per pulse."""
+    return other_gain(record, joints, 1 / record.rig.drive.motor_gain)
+
+
+# -- timing ----------------------------------------------------------------------------------------
+def _moved(table, joints, samples):
+    """A table (N, n) read so many samples later."""
+    rows = np.arange(len(table))
+    moved = np.array(table)
+    for i in joints or range(table.shape[1]):
+        moved[:, i] = np.interp(rows + samples, rows, table[:, i])
+    return moved
+
+
+def counts_in_time(record: Any, joints: Joints, samples: float) -> Any:
+    """Read the counts so many samples later, as the encoder would count them there."""
+    encoder = record.rig.encoder
+    centres = encoder.position_in_pulses(encoder.cell_centre(record.counts))
+    counts = encoder.quantised(_moved(centres, joints, samples))
+    chosen = list(joints) or list(range(record.n))
+    table = np.array(record.counts)
+    table[:, chosen] = counts[:, chosen]
+    return with_counts(record, table)
+
+
+def torques_in_time(record: Any, joints: Joints, samples: float) -> Any:
+    """Read the torques so many samples later."""
+    return with_torques(record, lambda torque: _moved(torque, joints, samples))
+
+
+def other_time_unit(record: Any, joints: Joints, size: float) -> Any:
+    """Divide the times by a factor."""
+    return replace(record, t=record.t / size)
+
+
+def other_period(record: Any, joints: Joints, size: float) -> Any:
+    """Multiply the rig's period, where no law runs at a period of its own."""
+    if getattr(record.law, "period", None) is not None:
+        raise ValueError("the law must have no period of its own. Correct both periods.")
+    return replace(record, rig=replace(record.rig, period=record.rig.period * size))
+
+
+def other_rounding(record: Any, joints: Joints, size: float) -> Any:
+    """The other convention of rounding the counts."""
+    # "round" and "floor" differ by a shift of the zero alone, so "floor" stands for both.
+    rounding = "floor" if record.rig.encoder.rounding == "fix" else "fix"
+    encoder = replace(record.rig.encoder, rounding=rounding)
+    return replace(record, rig=replace(record.rig, encoder=encoder))
+
+
+# -- what the rig states ---------------------------------------------------------------------------
+def lower_limit(record: Any, joints: Joints, size: float) -> Any:
+    """Lower the amplifier's limit to a share of the stated one."""
+    if record.torque is None and record.current is None:
+        raise ValueError("the record must have a torque; it has none. Log one.")
+    limit = record.rig.drive.current_limit * _factors(record, joints, size)
+    return with_drive(record, current_limit=limit)
+
+
+def other_friction(name: str) -> Callable[..., Any]:
+    """Multiply a stated friction, "coulomb" or "viscous", by a factor."""
+
+    def undo(record, joints, size):
+        friction = getattr(record.rig.drive, name)
+        return with_drive(record, **{name: friction * _factors(record, joints, size)})
+
+    return undo
