@@ -52,7 +52,7 @@ def waves(lines, seed):
 
 
 def follow(robot, law, path, seconds):
-    """Times, goals and counts (N, n), and errors (N, n) [counts], of a control loop over the bus."""
+    """Times, and goals, counts and errors (N, n), of a control loop over the bus."""
     times = np.arange(0, seconds, robot.rig.period)
     motion = path(times)
     bus = Bus(robot, motion.q[0])
