@@ -183,12 +183,13 @@ class Prediction(Stacked):
         records, unknown = as_records(dynamics, records, unknown)
         n = dynamics.n
         memories = list(memories) or [None] * len(records)
-        in_loop = [closed(record) for record in records]
+        # An inner loop begins by itself: there is no memory to be found.
+        looped = [closed(record) for record in records]
         memories = [
-            memory if now is before else None
-            for memory, now, before in zip(memories, in_loop, records, strict=True)
+            memory if in_loop is along else None
+            for memory, in_loop, along in zip(memories, looped, records, strict=True)
         ]
-        records = in_loop
+        records = looped
         replayed = any(record.law is not None and record.law.replays for record in records)
 
         # 1. The observer. A simulation is a prediction with an observer that corrects nothing.
