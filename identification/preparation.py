@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from identification.equation_error import naming
 from identification.equation_error.excitation import advice, still, unexcited
 from identification.equation_error.law_memory import along_log
-from identification.equation_error.logged_torques import OFFSET, fit_torque
+from identification.equation_error.logged_torques import fit_torque
 from identification.equation_error.naming import column_of
 from identification.equation_error.prior import Prior
 from identification.equation_error.pulse_fit import mode_in
@@ -22,7 +22,7 @@ from identification.replay.resonances import DAMPING, STIFFNESS, on_gears
 from identification.search.genetic import GeneticSettings
 from identification.search.methods import METHODS
 from identification.search.problem import Problem, Tolerances
-from plant import Dynamics, FrictionCurve, Record
+from plant import Dynamics, Record
 from plant.checkup.innovation import LEAST_MOTION
 from plant.checkup.lost_rows import bridged
 from plant.checkup.oscillation import own_oscillations
@@ -155,7 +155,7 @@ def prepare(
     unknown = tuple(dict.fromkeys([*unknown, *open_friction]))
     searched, validation = _set_aside(dynamics, all_records, held_out, method)
     if ranges is None and not zeros:
-        searched, validation, unknown = _with_offsets(dynamics, searched, validation, unknown)
+        searched, validation, unknown = _by_direction(dynamics, searched, validation, unknown)
     of_f = _prior(dynamics, searched, prior)
     _require_room(dynamics, (*searched, *validation), unknown, method)
 
@@ -239,8 +239,8 @@ def _left_open(records, labels):
     ]
 
 
-def _with_offsets(dynamics, searched, validation, unknown):
-    """Records and unknowns with the friction offsets that logged torques have evidence of.
+def _by_direction(dynamics, searched, validation, unknown):
+    """Records and unknowns with the friction by direction that logged torques have evidence of.
 
     Those of logs that repeat their torques, where the rig leaves its Coulomb friction open.
     """
@@ -254,18 +254,20 @@ def _with_offsets(dynamics, searched, validation, unknown):
     try:
         fit = fit_torque(dynamics, searched, unknown=linear(dynamics, searched[0].rig, unknown))
     except ValueError:
-        # Torques that give no fit say nothing of an offset; the methods say why.
+        # Torques that give no fit say nothing of friction; the methods say why.
         return searched, validation, unknown
-    offsets = [name for name in fit.names if name.startswith(OFFSET) and name not in unknown]
-    if not offsets:
+    names = [name for name in fit.names if name.startswith("drive.curve") and name not in unknown]
+    if not names:
         return searched, validation, unknown
-    curve = FrictionCurve(offset=np.zeros(dynamics.n))
+    # The same numbers, none of which is known beforehand.
+    curve = fit.rig.drive.curve
+    curve = curve.filled(dict.fromkeys(curve.number_names(), 0.0))
 
     def opened(record):
         drive = replace(record.rig.drive, curve=curve)
         return replace(record, rig=replace(record.rig, drive=drive))
 
-    return tuple(map(opened, searched)), tuple(map(opened, validation)), (*unknown, *offsets)
+    return tuple(map(opened, searched)), tuple(map(opened, validation)), (*unknown, *names)
 
 
 def _require_different(searched, validation):

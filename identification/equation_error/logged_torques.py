@@ -45,6 +45,7 @@ from plant.parts.frozen import frozen
 from plant.parts.settings import frozen_settings
 
 OFFSET = "drive.curve.offset"
+VISCOUS_OFFSET = "drive.curve.viscous_offset"
 LOAD = "drive.load_friction"
 
 # Further columns by name: (q, qd, qdd) -> torque (N, n) per unit.
@@ -145,22 +146,24 @@ class TorqueEquations:
             self.dynamics, names, systems, weights, self.seconds, prior, braking=True, **report
         )
 
-    def with_offsets(self, joints: Iterable[int]) -> Self:
-        """The same with unknown friction offsets of these joints."""
-        offsets = tuple(f"{OFFSET}[{j}]" for j in joints)
-        if not offsets:
+    def with_directions(self, names: Sequence[str]) -> Self:
+        """The same with these unknown numbers of friction that differs by direction."""
+        if not names:
             return self
-        zero = FrictionCurve(offset=np.zeros(self.dynamics.n))
+        zero = np.zeros(self.dynamics.n)
+        # A curve has a slope by direction only where one is unknown: it is a number of the rig.
+        slopes = any(name.startswith(VISCOUS_OFFSET) for name in names)
         logs = []
         for log in self.logs:
             drive = log.rig.drive
-            if drive.curve is None:
-                drive = replace(drive, curve=zero)
-            logs.append(replace(log, rig=replace(log.rig, drive=drive)))
+            curve = drive.curve or FrictionCurve(offset=zero)
+            if slopes and curve.viscous_offset is None:
+                curve = replace(curve, viscous_offset=zero)
+            logs.append(replace(log, rig=replace(log.rig, drive=replace(drive, curve=curve))))
         # Known numbers stay behind the unknown ones.
         unknown = [name for name in self.names if name not in self.known]
         known = [name for name in self.names if name in self.known]
-        return replace(self, logs=tuple(logs), names=(*unknown, *offsets, *known))
+        return replace(self, logs=tuple(logs), names=(*unknown, *names, *known))
 
     def systems(
         self, selection: Selection, *, thin: bool = False
@@ -405,8 +408,9 @@ def fit_torque(
     unknown : sequence of str, optional
         All names of f that are not known, and any of ``drive.viscous[i]``, ``drive.coulomb[i]``,
         ``drive.curve.offset[i]``; by default f, and friction that the rig leaves open. Beside an
-        unknown Coulomb level a friction offset is found where there is evidence of one, unless the
-        rig states offsets. Viscous and Coulomb friction are not negative.
+        unknown Coulomb level a friction offset, and of a rig without a curve a viscous friction by
+        direction (``drive.curve.viscous_offset[i]``), are found where there is evidence of them,
+        unless the rig states offsets. Viscous and Coulomb friction are not negative.
     least_speed : float or (n,) array_like, optional
         Joint speed [rad/s] below which a joint's equation is left out: there the sign of its
         friction is uncertain. By default 0 with a stated band, and chosen together with a band that
@@ -477,7 +481,7 @@ def fit_torque(
     selection = Selection(width, cutoff, every, slowest)
     try:
         by_user = stated_offsets(task)
-        task = _offsets(task.loaded(selection, stated), selection, stated)
+        task = _by_direction(task.loaded(selection, stated), selection, stated)
         # All settings of the fit are reported, chosen or stated: with them it can be repeated.
         report |= {"band": width, "cutoff": cutoff_of(width, cutoff), "least_speed": slowest}
         report["every"] = tuple(every_of(width, log.rig.period, every) for log in task.logs)
@@ -549,27 +553,43 @@ def stated_offsets(task: TorqueEquations) -> bool:
     return named or (curve is not None and bool(curve.offset.any()))
 
 
-def _offsets(
+def _by_direction(
     task: TorqueEquations, selection: Selection, weights: Floats | None
 ) -> TorqueEquations:
-    """The same with unknown offsets of the joints that have evidence of one."""
+    """The same with friction by direction, levels and slopes, where joints have evidence of it."""
     drive = task.logs[0].rig.drive
     unknown = set(task.names) - set(task.known)
-    joints = [j for j in range(drive.n) if f"drive.coulomb[{j}]" in unknown]
-    if stated_offsets(task) or not joints:
+    if stated_offsets(task):
         return task
-    every = task.with_offsets(joints)
+    gear = np.abs(drive.gear)
+    names = [f"{OFFSET}[{j}]" for j in range(drive.n) if f"drive.coulomb[{j}]" in unknown]
+    if drive.curve is None:
+        names += [
+            f"{VISCOUS_OFFSET}[{j}]"
+            for j in range(drive.n)
+            if {f"drive.viscous[{j}]", f"drive.coulomb[{j}]"} <= unknown
+        ]
+    if not names:
+        return task
     try:
-        fit = every.fit(selection, weights)
+        fit = task.with_directions(names).fit(selection, weights)
     except ValueError:
-        # Some offset is not separately identifiable, or equations are too few: no evidence.
+        # Some of them are not separately identifiable, or equations are too few: no evidence.
         return task
-    places = [fit.names.index(f"{OFFSET}[{j}]") for j in joints]
-    levels = np.array([fit[f"drive.coulomb[{j}]"] for j in joints])
-    # A joint without Coulomb friction may have an offset of its sensor, of the size of its errors.
-    levels = np.maximum(levels, (fit.sigma / np.abs(drive.gear))[joints])
-    chosen = evident(fit.values, fit.covariance, places, levels)
-    return task.with_offsets(joints[places.index(place)] for place in chosen)
+    # Of the size of what brakes both ways, or of a joint's errors, where a sensor has an offset.
+    sizes = []
+    usual = np.maximum(task.usual_speed() * gear, 1e-9)
+    for name in names:
+        kind, joint = name.rstrip("]").split("[")
+        j = int(joint)
+        error = fit.sigma[j] / gear[j]
+        if kind == VISCOUS_OFFSET:
+            sizes.append(max(fit[f"drive.viscous[{j}]"], error / usual[j]))
+        else:
+            sizes.append(max(fit[f"drive.coulomb[{j}]"], error))
+    places = [fit.names.index(name) for name in names]
+    chosen = evident(fit.values, fit.covariance, places, np.array(sizes))
+    return task.with_directions([fit.names[place] for place in chosen])
 
 
 def _freed(

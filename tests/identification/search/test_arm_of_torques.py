@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from ctc import ComputedTorque
-from identification import identify
+from identification import fit_torque, identify
 from identification.search import methods
 from plant import FrictionCurve, LoggedTorque, puma560, simulate
 
@@ -15,9 +15,9 @@ OFFSET = np.array([0.05, 0.0])
 """Of the friction of each motor [N m]."""
 
 
-def replayed(offset):
+def replayed(offset, viscous_offset=None):
     """A log of computed torque, held from sample to sample, as a logger has it; open friction."""
-    curve = FrictionCurve(offset=offset)
+    curve = FrictionCurve(offset=offset, viscous_offset=viscous_offset)
     real = dataclasses.replace(RIG, drive=dataclasses.replace(RIG.drive, curve=curve))
     record = simulate(ARM, real, ComputedTorque(ARM, RIG), puma560.reference())
     drive = dataclasses.replace(RIG.drive, viscous=None, coulomb=None)
@@ -77,3 +77,14 @@ def test_an_offset_with_evidence_is_found(record):
 def test_no_offset_is_found_where_none_is():
     found = identify(ARM.dynamics, replayed((0.0, 0.0)), method="equation_error", progress=False)
     assert not [name for name in found.fit.unknown if "offset" in name]
+
+
+def test_slopes_that_differ_by_direction_are_no_offset():
+    """Viscous friction of joint 2 is half as large again forwards as backwards."""
+    slopes = np.array([0.2, 0.0]) * RIG.drive.viscous
+    record = replayed((0.0, 0.0), slopes)
+    fit = fit_torque(ARM.dynamics, record)
+    assert [name for name in fit.names if "curve" in name] == ["drive.curve.viscous_offset[0]"]
+    assert fit.rig.drive.curve.viscous_offset == pytest.approx(slopes, abs=0.3 * slopes[0])
+    found = identify(ARM.dynamics, record, method="equation_error", progress=False)
+    assert "drive.curve.viscous_offset[0]" in found.fit.unknown
