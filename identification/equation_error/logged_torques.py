@@ -463,13 +463,20 @@ def fit_torque(
     left_out = task.left_out(joints is not None)
     report: dict[str, Any] = {"known": dict(task.known), "left_out": left_out}
 
-    # 1. Band, least speeds and rows: chosen, or as stated.
+    # 1. Band, least speeds and rows: chosen, or as stated. A chosen band was judged on logs that
+    # have no more samples than it needs, and its fit needs no more.
+    thin = band is None or np.ndim(band) > 0
     if band is None or np.ndim(band) > 0:
         if band is None:
             bands = task.bands(cutoff)
         else:
             bands = sorted(_band(width, cutoff) for width in np.ravel(band).tolist())
-        width, slowest, trials = _chosen(task, bands, cutoff, slowest, stated)
+        # Friction of the load must not pass for noise of a wide band: the load comes first, by a
+        # band that holds the motion and moving joints.
+        middle = min(bands, key=lambda width: abs(width - SETTINGS.motion))
+        cautious = task.least(task.usual_speed(), SHARES[0], middle)
+        loaded = task.loaded(Selection(middle, cutoff, None, cautious), stated)
+        width, slowest, trials = _chosen(loaded, bands, cutoff, slowest, stated)
         report |= trials
     else:
         width = _band(band, cutoff)
@@ -484,9 +491,14 @@ def fit_torque(
         task = _by_direction(task.loaded(selection, stated), selection, stated)
         # All settings of the fit are reported, chosen or stated: with them it can be repeated.
         report |= {"band": width, "cutoff": cutoff_of(width, cutoff), "least_speed": slowest}
-        report["every"] = tuple(every_of(width, log.rig.period, every) for log in task.logs)
-        report["freed"] = dict(_freed(task, selection, stated))
-        fit = task.fit(selection, stated, extra=task.extra, **report)
+        report["every"] = tuple(
+            round(filtering.every * log.rig.period / complete.rig.period)
+            for complete, (log, filtering) in zip(
+                task.logs, task.filtered(selection, thin), strict=True
+            )
+        )
+        report["freed"] = dict(_freed(task, selection, stated, thin))
+        fit = task.fit(selection, stated, thin=thin, extra=task.extra, **report)
         friction = _friction(task, fit, selection._replace(every=None), by_user)
         log = task.logs[0]
         arm = FittedArm(
@@ -572,7 +584,7 @@ def _by_direction(
     if not names:
         return task
     try:
-        fit = task.with_directions(names).fit(selection, weights)
+        fit = task.with_directions(names).fit(selection, weights, thin=True)
     except ValueError:
         # Some of them are not separately identifiable, or equations are too few: no evidence.
         return task
@@ -593,13 +605,13 @@ def _by_direction(
 
 
 def _freed(
-    task: TorqueEquations, selection: Selection, weights: Floats | None
+    task: TorqueEquations, selection: Selection, weights: Floats | None, thin: bool
 ) -> Iterator[tuple[str, tuple[float, float]]]:
     """Each known number that the torques can identify: its estimate, and standard deviation."""
     for name in task.known:
         remaining = {key: value for key, value in task.known.items() if key != name}
         try:
-            fit = replace(task, known=remaining).fit(selection, weights)
+            fit = replace(task, known=remaining).fit(selection, weights, thin=thin)
         except ValueError:
             # Not separately identifiable, or too few equations: the torques say nothing of it.
             continue

@@ -1,8 +1,9 @@
 """Error of a torque that an arm and its rig predict along a log: one metric for every fit.
 
-Both sides of the torque equation pass the same low-pass, whose band is stated, and all rows count,
-also slow ones, whose friction has an uncertain sign: a fit may choose its band and its rows, and
-errors of different fits could not be compared in those.
+Both sides of the torque equation pass the same low-pass, whose band is stated, and all rows count
+unless a least speed is stated: a fit may choose its band and its rows, and errors of different fits
+could not be compared in those. Near standstill friction carries anything up to its level, so that
+no model of the arm explains the torque there.
 """
 
 from collections.abc import Callable, Iterator, Mapping
@@ -15,7 +16,7 @@ from identification.equation_error.filters import BAND_MOST, CUTOFF, derivatives
 from identification.equation_error.regressor import Filtering, compared, regressor_along
 from identification.equation_error.torque_logs import TorqueLog, torque_logs
 from plant import Arm, Rig
-from plant.parts import Floats, Frozen, Piece, Shown, Table, Verdict, frozen, real
+from plant.parts import Floats, Frozen, Piece, Shown, Table, Verdict, array, frozen, real
 from plant.parts.sums import norm
 
 # Band [Hz] where none is stated, or less where the sample rate carries less: joints move slower,
@@ -40,6 +41,8 @@ class TorqueError(Shown, Frozen):
         Of the low-pass that both sides passed [Hz].
     rows : int
         Rows that were compared: all but those at the ends of a log and beside its gaps.
+    least_speed : (n,) numpy.ndarray
+        Speed [rad/s] below which a joint does not count in a row.
     """
 
     joints: tuple[str, ...]
@@ -48,6 +51,7 @@ class TorqueError(Shown, Frozen):
     total: float
     band: float
     rows: int
+    least_speed: Floats
 
     def _short(self) -> str:
         return f"{self.total:.2%} of the torque, {self.rows} rows, band {self.band:.3g} Hz"
@@ -75,11 +79,13 @@ def torque_error(
     stated: Rig | None = None,
     band: float | None = None,
     extra: Mapping[str, tuple[Callable[..., ArrayLike], float]] | None = None,
+    least_speed: ArrayLike = 0.0,
 ) -> TorqueError:
     """Error of the torque of an arm with the friction and the springs of this rig.
 
     `q`, `torque`, `stated`: records, or positions with torques and the rig of the log, as
-    `fit_torque` takes them. `extra`: further columns, and their values.
+    `fit_torque` takes them. `extra`: further columns, and their values. `least_speed`: one, or one
+    per joint [rad/s].
     """
     logs = torque_logs(arm.dynamics, q, torque, stated)
     most = min(BAND_MOST / log.rig.period for log in logs)
@@ -88,7 +94,14 @@ def torque_error(
         raise ValueError(
             f"band must be at most {most:.3g} Hz at this sample rate; got {band:g}. Lower it."
         )
-    measured, error = zip(*(_of_log(arm, rig, log, band, extra or {}) for log in logs), strict=True)
+    slowest = array(
+        "least_speed",
+        np.broadcast_to(least_speed, arm.n),
+        (arm.n,),
+        advice="Give one speed, or one per joint [rad/s].",
+    )
+    compared_logs = (_of_log(arm, rig, log, band, extra or {}, slowest) for log in logs)
+    measured, error = zip(*compared_logs, strict=True)
     length, residual = np.concatenate(measured), np.concatenate(error)
     # Joints whose torque was measured in some log; rows of a log without it are NaN.
     squares, count = np.nansum(residual**2, axis=0), np.isfinite(residual).sum(axis=0)
@@ -104,11 +117,14 @@ def torque_error(
         total=float(norm(residual[present]) / norm(length[present])),
         band=band,
         rows=len(residual),
+        least_speed=slowest,
     )
 
 
-def _of_log(arm, rig: Rig, log: TorqueLog, band: float, extra) -> tuple[Floats, Floats]:
-    """Measured torque and error (N', n) in a band; NaN of a joint that was not measured."""
+def _of_log(
+    arm: Arm, rig: Rig, log: TorqueLog, band: float, extra: Any, slowest: Floats
+) -> tuple[Floats, Floats]:
+    """Measured torque and error (N', n) in a band; NaN of a joint that does not count."""
     dynamics = arm.dynamics
     motion = derivatives(log.q, log.rig.period, CUTOFF * band)
     columns, known = regressor_along(dynamics, rig, dynamics.names, motion, loading=arm.f)
@@ -117,7 +133,7 @@ def _of_log(arm, rig: Rig, log: TorqueLog, band: float, extra) -> tuple[Floats, 
         predicted = predicted + value * np.asarray(column(*motion))
     # A column that was not measured would spread its NaN through the filter.
     missing = np.isnan(log.torque).all(axis=0)
-    filtering = Filtering(CUTOFF * band, band, 1, np.zeros(dynamics.n))
+    filtering = Filtering(CUTOFF * band, band, 1, slowest)
     system = compared(
         [np.where(missing, 0.0, log.torque), predicted],
         motion.qd,
@@ -125,11 +141,11 @@ def _of_log(arm, rig: Rig, log: TorqueLog, band: float, extra) -> tuple[Floats, 
         filtering,
         log.valid,
     )
-    rows = system.used.all(axis=1)
+    rows = system.used.any(axis=1)
     if not rows.any():
         raise ValueError(
-            f"some rows must lie away from the ends of the log and from gaps; none of"
-            f" {len(log.q)} does at {band:g} Hz. Log longer, or give a wider band."
+            "some rows must be faster than least_speed, and away from the ends of the log and from"
+            f" gaps; none of {len(log.q)} is at {band:g} Hz. Log longer, or give a wider band."
         )
-    measured = np.where(missing, np.nan, system.torque[rows])
+    measured = np.where(missing | ~system.used[rows], np.nan, system.torque[rows])
     return measured, measured - system.regressor[rows, :, 0]

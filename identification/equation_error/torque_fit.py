@@ -69,6 +69,8 @@ class TorqueWarningSettings:
     brakes : float
         Standard deviations by which a free estimate of friction must be negative to be doubted: by
         fewer, what the model lacks may make it so.
+    lines : int
+        Warnings that are given, the most basic ones: those after them may be their effects.
     """
 
     poor: float = 0.3
@@ -76,6 +78,7 @@ class TorqueWarningSettings:
     doubted: float = 5.0
     different: float = 0.2
     brakes: float = 8.0
+    lines: int = 3
 
 
 SETTINGS = TorqueWarningSettings()
@@ -187,7 +190,13 @@ class TorqueFit(Shown, Frozen):
         return covariance_of(names, self.names, self.covariance)
 
     def error_on(
-        self, q: Any, torque: Any = None, *, rig: Rig | None = None, band: float | None = None
+        self,
+        q: Any,
+        torque: Any = None,
+        *,
+        rig: Rig | None = None,
+        band: float | None = None,
+        least_speed: ArrayLike = 0.0,
     ) -> TorqueError:
         """Error of the torque on other logs, joint by joint, over all rows.
 
@@ -198,6 +207,9 @@ class TorqueFit(Shown, Frozen):
         band : float, optional
             In which torques are compared [Hz]; by default 10, or less where the sample rate carries
             less: the same for all fits, whatever their own band is.
+        least_speed : float or (n,) array_like, optional
+            Joint speed [rad/s] below which a joint does not count: near standstill friction carries
+            anything up to its level.
 
         Returns
         -------
@@ -211,7 +223,7 @@ class TorqueFit(Shown, Frozen):
         """
         extra = {name: (column, self[name]) for name, column in self.extra.items()}
         machine = instance("rig of the fit", self.rig, Rig, "Take a fit of fit_torque.")
-        return torque_error(self.arm, machine, q, torque, rig, band, extra)
+        return torque_error(self.arm, machine, q, torque, rig, band, extra, least_speed)
 
     @property
     def f(self) -> Floats:
@@ -269,7 +281,7 @@ class TorqueFit(Shown, Frozen):
 
     @property
     def warnings(self) -> list[str]:
-        """Doubts about the fit, one line each."""
+        """Doubts about the fit, one line each, at most three: causes before their effects."""
         # 1. The fit as a whole: an arm that cannot be explains all that follows.
         # Friction brakes: a level that is clearly negative means a wrong sign or unit.
         deviation = dict(zip(self.names, self.std, strict=True))
@@ -307,7 +319,7 @@ class TorqueFit(Shown, Frozen):
                     f"{label} is stated as {value:.4g}, but these torques ask for {estimate:.4g} +-"
                     f" {std:.2g}: check it, its unit and its sign"
                 )
-        return lines
+        return lines[: SETTINGS.lines]
 
 
 def choices(fit: TorqueFit) -> Iterator[Piece]:

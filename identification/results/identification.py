@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from identification.equation_error.naming import short_names
 from identification.equation_error.restated import restated
@@ -210,14 +210,20 @@ class Identification(Shown, Saved, Frozen):
         return np.where(self.fit.std > 0, budget.bound, 0.0)
 
     def error_on(
-        self, q: Any, torque: Any = None, *, rig: Rig | None = None, band: float | None = None
+        self,
+        q: Any,
+        torque: Any = None,
+        *,
+        rig: Rig | None = None,
+        band: float | None = None,
+        least_speed: ArrayLike = 0.0,
     ) -> TorqueError:
         """Error of the torque on other logs, joint by joint, over all rows.
 
         Arguments, result and errors are those of a torque fit's `error_on`, and so is the metric.
         The arm is taken on rigid gears.
         """
-        return torque_error(self.arm, self.rig, q, torque, rig, band)
+        return torque_error(self.arm, self.rig, q, torque, rig, band, least_speed=least_speed)
 
     def assumed(self, *, lengths: bool = True) -> Assumed:
         """Change of each value by 1 % of each assumed number, which one log cannot reveal.

@@ -62,6 +62,12 @@ def test_all_rows_count_and_a_joint_without_torque_is_left_out(made, fit):
     assert np.isnan(error.rms[1])
     assert np.isfinite(error.rms[[0, 2]]).all()
     assert error.total < 3e-3
+    speed = np.abs(motion.qd[100:-100])
+    stuck = missing - 2 * rig.drive.friction(motion.qd) * (np.abs(motion.qd) < 0.05)
+    moving = fit.error_on(motion.q, stuck, rig=rig, least_speed=(0.4, 0.4, 0.4))
+    fast = (speed > 0.4)[:, [0, 2]].any(axis=1)
+    assert moving.rows == pytest.approx(fast.sum(), abs=20)
+    assert moving.total < 0.2 * fit.error_on(motion.q, stuck, rig=rig).total
     twice = fit.error_on([motion.q] * 2, [torque] * 2, rig=rig)
     assert twice.rows == 2 * error.rows
 
@@ -81,7 +87,7 @@ def test_bad_input_is_refused(made, fit):
     _, rig, _, motion, torque = made
     with pytest.raises(ValueError, match="band must be at most 160 Hz"):
         fit.error_on(motion.q, torque, rig=rig, band=200.0)
-    with pytest.raises(ValueError, match="some rows must lie away from the ends"):
+    with pytest.raises(ValueError, match="some rows must be faster than least_speed"):
         fit.error_on(motion.q[:150], torque[:150], rig=rig)
 
 
