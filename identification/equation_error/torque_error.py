@@ -141,11 +141,12 @@ def _of_log(
         filtering,
         log.valid,
     )
-    rows = system.used.any(axis=1)
+    used = system.used & ~missing
+    rows = used.any(axis=1)
     if not rows.any():
         raise ValueError(
             "some rows must be faster than least_speed, and away from the ends of the log and from"
             f" gaps; none of {len(log.q)} is at {band:g} Hz. Log longer, or give a wider band."
         )
-    measured = np.where(missing | ~system.used[rows], np.nan, system.torque[rows])
+    measured = np.where(used[rows], system.torque[rows], np.nan)
     return measured, measured - system.regressor[rows, :, 0]
