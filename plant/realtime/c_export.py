@@ -67,7 +67,8 @@ def write_c(
 def _values(law, rig, output, without, controller):
     """Values of the templates for a law alone."""
     block = law.block(rig)
-    block.require_torque("the C of a law")
+    if not output.goals:
+        block.require_torque("the C of a law")
     n = rig.n
     period = block.period or rig.period
     states = len(block.initial)
@@ -77,6 +78,7 @@ def _values(law, rig, output, without, controller):
     # 1. The results of a step. The state stores the output, too, to repeat it after a torque that
     # is not finite; without a conversion it is the torque itself.
     stored = "counts" if output.scale is not None else "given" if without else "torque"
+    stored = "goal" if output.goals else stored
     outputs = n if stored != "torque" else 0
     arrays = []
     results = iter(results)
@@ -113,7 +115,8 @@ def _values(law, rig, output, without, controller):
         start = f"static const double state[{states}] = {braced(block.initial)};\n"
     memory = (
         ("torque", n, "0.0", "torque_now"),
-        (stored, outputs, "0", f"{stored}_now"),
+        # A goal of 0 would be a place; no servo takes this one.
+        (stored, outputs, "INT32_MIN" if output.goals else "0", f"{stored}_now"),
         ("state", states, "state[i]", "following"),
     )
     initial = (each(size, f"self->{field}[i] = {begin};") for field, size, begin, _ in memory)
@@ -182,7 +185,11 @@ def _step(law, block, rig, output, without):
     own_law = law.with_numbers(numbers[: len(block.names) - rig_numbers])
     converted = limited - model_part(own_law, named, without, (named.cell_centre(pulses), qd, qdd))
     results = [asked, limited, following]
-    if output.scale is not None or without:
+    if output.goals:
+        # As of `Running.goal`: the frame by which the torque acts beside the reference.
+        frame = block.sent(q, qd, qdd, pulses, limited, numbers)
+        results.append(frame[:n])
+    elif output.scale is not None or without:
         results.append(output.converted(factor, named, converted))
     # Dense results keep their number and order where some are zero for every input.
     function = ca.Function("step", symbols, ca.cse([ca.densify(result) for result in results]))

@@ -208,7 +208,7 @@ def values_of(
     """Values of the templates for a running controller."""
     block = law.block(rig)
     # A law above an inner loop may have no torque of its own.
-    block.require_torque("the C of a controller")
+    block.require_torque("the C of a controller with guards")
     layout = Layout.of(block, rig.n)
     vector = initial_memory(law, rig, block, guards)
     pieces = pieces_of(law, rig, block, without)

@@ -237,24 +237,32 @@ def _free_folder(destination: str | Path, files: Iterable[str], name: str) -> Pa
 
 
 class Output(NamedTuple):
-    """Output of a controller in C: joint torques, or counts of a converter.
+    """Output of a controller in C: joint torques, counts of a converter, or goals of servos.
 
-    `scale` (n,) [1/A] and the `largest` count belong to the converter.
+    `scale` (n,) [1/A] and the `largest` count belong to the converter. `goals`: whether it is goals.
     """
 
     scale: Floats | None
     largest: float
+    goals: bool = False
 
     @classmethod
     def of(
         cls, law: Any, rig: Rig, output: str, counts_per_ampere: Any, largest_count: int
     ) -> Self:
         """From the arguments of `Law.to_c`; refuse a converter below the amplifier's limit."""
-        if choice("output", output, ("torque", "dac")) == "torque":
+        choice("output", output, ("torque", "dac", "goal"))
+        if output == "goal" and (rig.inner is None or rig.inner.sends != "goal"):
+            kind = "none" if rig.inner is None else type(rig.inner).__name__
+            raise ValueError(
+                "output='goal' needs a rig whose inner loop takes goals, a PositionServo; this one"
+                f" has {kind}. Choose output='torque', or state inner=."
+            )
+        if output != "dac":
             if counts_per_ampere is not None:
-                rule = "be left out for output='torque'; got one"
+                rule = f"be left out for output={output!r}; got one"
                 raise ValueError(f"counts_per_ampere must {rule}. Choose output='dac'.")
-            return cls(None, largest_count)
+            return cls(None, largest_count, output == "goal")
         advice = "Give one number per joint, with the sign of its wiring."
         scale = array("counts_per_ampere", counts_per_ampere, (rig.n,), advice=advice)
         if (scale == 0).any():
@@ -278,16 +286,20 @@ class Output(NamedTuple):
 
     @property
     def kind(self) -> str:
-        return "double" if self.scale is None else "int32_t"
+        return "double" if self.scale is None and not self.goals else "int32_t"
 
     @property
     def values(self) -> dict[str, str]:
         """Values of the templates that depend on the output."""
+        whole = {"type": self.kind, "format": '%" PRId32 "'}
+        if self.goals:
+            meaning = "of the servos [counts]; INT32_MIN before the first step that gave 0"
+            return {"output": "goal", "meaning": meaning, **whole}
         if self.scale is None:
             meaning = "of the joints, after the amplifier's limit [N m]"
             return {"output": "torque", "type": self.kind, "format": "%.17g", "meaning": meaning}
         meaning = f"of the converter: rounded, within +-{self.largest:.0f}"
-        return {"output": "counts", "type": self.kind, "format": '%" PRId32 "', "meaning": meaning}
+        return {"output": "counts", "meaning": meaning, **whole}
 
     @property
     def constant(self) -> str:
