@@ -18,16 +18,21 @@ needs_c = pytest.mark.skipif(
 )
 
 
+def run(*command, folder):
+    return subprocess.run(  # noqa: S603
+        [str(word) for word in command], cwd=folder, capture_output=True, text=True, check=True
+    )
+
+
 @needs_c
 def test_goals_of_the_c_are_those_of_the_running_controller(tmp_path):
     loop = rig()
     law = ComputedTorque(ARM, loop)
     record = simulate(ARM, loop, law, PATH, duration=2.0)
     law.to_c(tmp_path, loop, guards=None, output="goal")
-    subprocess.run(["make"], cwd=tmp_path, check=True, capture_output=True)
+    run("make", folder=tmp_path)
     write_replay(record, tmp_path / "record.csv")
-    program = [tmp_path / "controller", tmp_path / "record.csv"]
-    lines = subprocess.run(program, check=True, capture_output=True, text=True).stdout.splitlines()
+    lines = run(tmp_path / "controller", "record.csv", folder=tmp_path).stdout.splitlines()
     goals = np.loadtxt(lines, delimiter=",").astype(int)
 
     running = law.start(loop, record.counts[0], guards=None)
