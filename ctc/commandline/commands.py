@@ -154,7 +154,10 @@ def run_identify(options: Namespace) -> Answer:
     place = _place(options)
     robot = read_robot(options.robot)
     records = records_of(options.logs, robot, options.cut)
-    held_out = records_of(options.held_out, robot, options.cut) if options.held_out else None
+    # Without the option the last of several logs is held out, with an empty one none is.
+    held_out: Any = options.held_out
+    if held_out:
+        held_out = records_of(held_out, robot, options.cut)
     identification = identify(
         cast(Dynamics, robot.dynamics),
         # One record alone is identified as one, several jointly.

@@ -8,7 +8,9 @@ from ctc.laws.computed_torque import ComputedTorque
 from ctc.verdict.evaluation import Evaluation
 from ctc.verdict.evaluations import evaluate
 from identification import Identification, identify
+from identification.equation_error.naming import units as units_of
 from plant import puma560, simulate
+from plant.parts import Table
 
 
 def demo(seed: int, figures: Path) -> bool:
@@ -36,13 +38,21 @@ def demo(seed: int, figures: Path) -> bool:
     for run in (paper, default):
         costs = f"{run.initial_objective:.0f} -> {run.objective:.0f} pulses^2"
         print(f"   {run.search.method}: objective (4) {costs} in {run.seconds:.1f} s")
-    print("   " + "".join(f"{name:>8}" for name in default.arm.dynamics.names))
-    print("   " + "".join(f"{value:8.2f}" for value in puma560.PUBLISHED) + "   of the robot")
-    print("   " + "".join(f"{value:8.2f}" for value in paper.f) + "   by the paper's method")
-    print("   " + "".join(f"{value:8.2f}" for value in default.f) + "   by the default method, and")
-    print(
-        "   " + "".join(f"{value:8.3f}" for value in default.fit.std) + "   its standard deviations"
-    )
+    dynamics = default.arm.dynamics
+    names = dynamics.names
+    columns = (puma560.PUBLISHED, paper.f, default.f)
+    rows = [
+        (name, unit, *(f"{value:.2f}" for value in values), f"{std:.3f}")
+        for name, unit, values, std in zip(
+            names,
+            units_of(dynamics, names),
+            zip(*columns, strict=True),
+            default.fit.std,
+            strict=True,
+        )
+    ]
+    head = ("", "unit", "of the robot", "paper's method", "default method", "its std")
+    print("\n".join(f"   {line}" for line in Table(head, rows, words=(1,)).lines()))
 
     # The verdict is on the robot itself, not on the arm as identified.
     print("3. control: the same arm under P and under computed torque from the f that were found")

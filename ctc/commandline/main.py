@@ -290,7 +290,13 @@ _COMMANDS: dict[str, tuple[str, Any]] = {
             ),
             _PRIOR,
             _flag("--elasticity", "stiffness and damping of the gears, too"),
-            _option("--held-out", "logs for validation, only simulated", nargs="+", metavar="LOG"),
+            _option(
+                "--held-out",
+                "logs for validation, only simulated (default: the last of several; without a LOG:"
+                " none)",
+                nargs="*",
+                metavar="LOG",
+            ),
             *_output("file for certify and report"),
             _CHECKPOINT,
         ),

@@ -20,6 +20,7 @@ _PHRASES = {
     r"; tolerances=Tolerances\(gear=\.\.\.\) states yours": "",
     r"identify\(\.\.\., tolerances=Tolerances\(gear=\.\.\.\)\)": "tolerances= of identify in Python",
     r"identify\(\.\.\., elasticity=True\)": "identify with --elasticity",
+    r"held_out=\(\) identifies": "--held-out without a log identifies",
     r"spread of the prior\b": "--prior",
     r", or \(bodies or f, 0\.3\)": "",
     r"; found\.assumed\(\)": "; more of it: onepulse report",

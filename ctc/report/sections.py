@@ -10,7 +10,7 @@ import numpy as np
 from ctc.certification.certificates import Certificates
 from ctc.report.page import figure, section
 from identification.equation_error.naming import units as units_of
-from identification.results.seen import counted, seen
+from identification.results.seen import counted, drifting, seen
 from identification.results.summary import doubts
 from plant.parts.shown import body, details, items, preformatted, table, text
 
@@ -162,10 +162,8 @@ def _fit(identification: Any) -> str:
         names = ", ".join(name for use, name, _ in _named(identification) if use == _VALIDATION)
         held_out = f"In the validation data, {names}, they differ by {validation:.2f} pulses."
     # The limit that rounding sets is given beside it: alone the number has no scale.
-    summary = (
-        f"Errors measured and simulated with these values differ by {amount}; two roundings alone"
-        " give 0.58."
-    )
+    scale = drifting(identification) or "two roundings alone give 0.58"
+    summary = f"Errors measured and simulated with these values differ by {amount}; {scale}."
 
     # 2. The curves behind it.
     caption = (

@@ -105,6 +105,18 @@ def by_tolerances(identification: Any) -> dict[str, float]:
     }
 
 
+def drifting(identification: Any) -> str:
+    """What the difference from a simulation means where a log replays its torque; else empty."""
+    laws = [record.law for record in identification.records]
+    replaying = [type(law).__name__ for law in laws if law is not None and law.replays]
+    if not replaying:
+        return ""
+    return (
+        f"{replaying[0]} drives the simulated arm in open loop, where small errors of the torque"
+        " add up to a drift; the RMS innovation says how closely the model follows"
+    )
+
+
 def counted(identification: Any) -> str:
     """What the intervals count, and the share of it that tolerances are."""
     tolerances = identification.search.tolerances

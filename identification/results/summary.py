@@ -11,7 +11,7 @@ from identification.equation_error.between_runs import ONE_LOG
 from identification.equation_error.law_memory import along_log
 from identification.equation_error.least_squares import NORMAL
 from identification.equation_error.torque_fit import TorqueFit
-from identification.results.seen import counted, of_prior, origins
+from identification.results.seen import counted, drifting, of_prior, origins
 from identification.results.trust import SETTINGS as WARNING_SETTINGS
 from identification.results.trust import pairs_of
 from identification.search.problem import LONG, PARTS, is_long
@@ -102,7 +102,10 @@ def summary_of(result: Any, full: bool) -> Iterator[Piece]:
         )
     if result.held_out:
         names = [record.name or f"a record of {len(record)} samples" for record in result.held_out]
-        yield f"validation, only simulated: {', '.join(names)}"
+        yield (
+            f"validation, only simulated: {', '.join(names)}; by default the last of several logs,"
+            " held_out=() identifies from all"
+        )
 
     # 2. Values and their origin.
     if full:
@@ -121,15 +124,16 @@ def summary_of(result: Any, full: bool) -> Iterator[Piece]:
     if result.fit.between is not None:
         yield from inside(result.fit.between)
     elif result.covariance is not None:
-        advice = " (held_out=() takes the one that is held out)" if result.held_out else ""
         # One log cannot show what differs between logs, such as temperature.
         if len(result.records) == 1:
-            yield f"{ONE_LOG}{advice}"
+            yield ONE_LOG
         else:
             yield "what differs between runs is not in the intervals"
 
     # 3. Tests, and assumptions that no test can reveal.
     yield from inside(result.diagnostics)
+    if drift := drifting(result):
+        yield drift
     # The tolerances are in the intervals only where the covariance was widened.
     if result.fit.noise_covariance is not None:
         yield counted(result)

@@ -1,6 +1,7 @@
 """How long a user waits for each command, in two trees: processor time and time on the clock.
 
-    python tests/benchmarks/waiting.py [--old FOLDER] [--only NAME ...] [--joints 4 6 7] [--profile]
+    python tests/benchmarks/waiting.py [--old FOLDER] [--only NAME ...] [--joints 4 6 7] [--once]
+        [--profile]
 
 The arms: a SCARA with a ball-screw slide (4 joints) under PID with 20 mA of noise on its logged
 currents, a PUMA 560 (6) and the same with one more joint in the wrist (7) under P control, 10 s of
@@ -209,7 +210,7 @@ def main():
     parser.add_argument("--old", type=Path, help="another checkout")
     parser.add_argument("--only", nargs="+", choices=ROWS, default=ROWS)
     parser.add_argument("--joints", nargs="+", type=int, default=(4, 6, 7))
-    parser.add_argument("--cold", action="store_true", help="with an empty cache of kernels")
+    parser.add_argument("--once", action="store_true", help="without a run that fills the cache")
     parser.add_argument("--profile", action="store_true")
     parser.add_argument("--child", help=argparse.SUPPRESS)
     parser.add_argument("--folder", type=Path, help="keep the files there")
@@ -239,8 +240,7 @@ def main():
                 if options.profile:
                     profile(name, folder)
                     continue
-                # The first run fills the cache.
-                if not options.cold:
+                if not options.once:
                     child(place, name, folder)
                 for part, *seconds in child(place, name, folder):
                     rows.setdefault((part, tree), []).extend(seconds)

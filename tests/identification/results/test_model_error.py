@@ -9,6 +9,7 @@ import pytest
 
 from identification import Tolerances, identify
 from identification.results.model_error import consider, priors
+from identification.results.seen import by_tolerances, counted
 from plant import FrictionCurve, Phase, puma560, simulate
 
 ARM, RIG, PATH = puma560.literature_arm(1.5), puma560.rig(), puma560.reference()
@@ -106,3 +107,33 @@ def test_a_right_rig_is_counted_too_unless_it_is_exact():
     assert (np.abs(narrow.f - ARM.f) < 2.6 * narrow.fit.std).all()
     assert "within gears 0.8 %" in wide.summary()
     assert "take the rig for exact" in narrow.summary()
+
+
+def test_friction_that_is_unknown_is_not_friction_to_be_identified():
+    """Its effect beside itself is a rounding error, and no deviation of 1e-12."""
+    quick = {"method": "prediction_error", "progress": False}
+    record = log()
+    stated = identify(ARM.dynamics, record, **quick).diagnostics.detection.friction
+    assert {name.partition("[")[0] for name in stated} == {"viscous", "coulomb"}
+    assert min(stated.values()) > 1e-7
+    some = identify(ARM.dynamics, record, unknown=["drive.coulomb[1]"], **quick)
+    assert set(some.diagnostics.detection.friction) == {*stated} - {"coulomb[1]"}
+    every = identify(ARM.dynamics, record, unknown="friction", **quick)
+    assert every.diagnostics.detection.friction == {}
+
+
+def test_the_summary_says_how_much_of_the_intervals_are_tolerances():
+    """Of tolerances that were stated it does not say that they are defaults."""
+    quick = {"method": "prediction_error", "progress": False}
+    record = log()
+    default = identify(ARM.dynamics, record, **quick)
+    shares = by_tolerances(default)
+    assert set(shares) == set(default.fit.unknown)
+    assert all(0 <= share <= 1 for share in shares.values())
+    # A gear that is exact leaves less of every variance.
+    exact = identify(ARM.dynamics, record, tolerances=Tolerances(gear=0.0), **quick)
+    assert np.mean(list(by_tolerances(exact).values())) < np.mean(list(shares.values()))
+    assert "defaults" in counted(default)
+    assert "defaults" not in counted(exact)
+    none = identify(ARM.dynamics, record, tolerances=Tolerances.none(), **quick)
+    assert "variance" not in counted(none)
