@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from plant import Harmonics, Hypothesis, Phase, puma560, simulate
+from plant import Harmonics, Hypothesis, LoggedTorque, Phase, puma560, read_robot, simulate
 from plant.checkup.hypothesis import each_joint
 
 RIG = puma560.rig()
@@ -125,6 +125,22 @@ def test_a_right_log_has_no_cause_and_stays_as_it_is(record):
     assert checkup.causes == ()
     assert checkup.corrected is record
     assert checkup.first_corrected is record
+
+
+@pytest.mark.parametrize("seed", [7003, 7007])
+def test_a_right_log_of_six_joints_without_a_reference_has_no_cause(seed):
+    """Forty unknown coefficients of each motor leave little of a short log to judge by."""
+    robot, random = read_robot("ur5e"), np.random.default_rng(seed)
+    size = random.uniform(0.15, 0.4)
+    cosine, sine = (random.normal(size=(6, 3)) * size / np.arange(1, 4) for _ in range(2))
+    period, offset = random.uniform(3, 5), random.uniform(-1, 1, 6)
+    path = Harmonics(period=period, offset=offset, cosine=cosine, sine=sine)
+    dynamics = robot.dynamics
+    made = simulate(dynamics.arm(dynamics.f()), robot.rig, robot.law, path)
+    bare = dataclasses.replace(
+        made, law=LoggedTorque(), reference=None, reference_pulses=None, error_pulses=-made.counts
+    )
+    assert bare.check().causes == ()
 
 
 def test_two_mistakes_at_once_are_both_named(record):
