@@ -234,6 +234,13 @@ class Experiment:
             return self.base.filter
         return Filter(self.signals)
 
+    @functools.cached_property
+    def long_enough(self) -> bool:
+        """Whether speeds can be compared: with the filter of the base, what holds of the base."""
+        if self.base is not None and self.filter is self.base.filter:
+            return self.base.long_enough
+        return self.signals.long_enough
+
     def filtered(self, name: str, table: Floats, i: int) -> Filtered:
         """Column i of a table (M, n) after the filter; that of the base where it is the same."""
         key = name, i
@@ -299,7 +306,7 @@ class Experiment:
         law = self.record.law
         if signals.torque is None or signals.reference is None or law is None or law.replays:
             return None
-        if not signals.long_enough:
+        if not self.long_enough:
             return None
         if law.has_memory(self.n):
             return steps_of_torque(signals)
