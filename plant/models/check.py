@@ -373,7 +373,7 @@ def _judged(link: CheckedLink, links: Links) -> ModelFinding | None:
         return None
     proof = proof_of(link, links)
     trials = _possible(link, links)
-    best = min(trials, key=lambda trial: trial.cost, default=None)
+    best = _best(trials, stated)
     exact = best is not None and coincides(best.inertial, link)
     certain = best is not None and (
         _unrivalled(trials, best)
@@ -405,6 +405,31 @@ def _judged(link: CheckedLink, links: Links) -> ModelFinding | None:
     return ModelFinding(link=link.name, mistake=best.mistake, evidence=evidence, repair=repair)
 
 
+def _best(trials: list[_Trial], stated: Inertial) -> _Trial | None:
+    """The likeliest body; of mistakes that leave the same one, that which changes fewest numbers.
+
+    Products that are too small to tell two mistakes apart keep the signs that the file states.
+    """
+    best = min(trials, key=lambda trial: trial.cost, default=None)
+    if best is None:
+        return None
+    alike = [
+        trial for trial in trials if _same(trial, best) and trial.cost - best.cost < SETTINGS.likely
+    ]
+
+    def changed(trial: _Trial) -> tuple[int, float]:
+        one = trial.inertial
+        parts = ((one.inertia, stated.inertia), (one.com, stated.com), (one.mass, stated.mass))
+        return sum(int(np.sum(np.not_equal(a, b))) for a, b in parts), trial.cost
+
+    return min(alike, key=changed)
+
+
+def _same(trial: _Trial, other: _Trial) -> bool:
+    """Whether two mistakes leave one body, as far as numbers of files tell bodies apart."""
+    return distance(trial.inertial, other.inertial) <= 1e-3
+
+
 def _open(best: _Trial, proof: str) -> bool:
     """Whether a mistake leaves open what the right number is, unless the file states it twice.
 
@@ -419,7 +444,7 @@ def _open(best: _Trial, proof: str) -> bool:
 def _unrivalled(trials: list[_Trial], best: _Trial) -> bool:
     """Whether all other bodies that one mistake leaves agree with the file much less."""
     # Several mistakes may leave the same body. The distance in costs is the logarithm of the odds.
-    rivals = [trial.cost for trial in trials if distance(trial.inertial, best.inertial) > 1e-3]
+    rivals = [trial.cost for trial in trials if not _same(trial, best)]
     return min(rivals, default=np.inf) - best.cost > SETTINGS.likely
 
 

@@ -199,6 +199,23 @@ def test_no_inertia_is_taken_from_a_side_that_states_another_link(tmp_path):
         assert finding.repair is None
 
 
+def test_products_too_small_to_tell_keep_their_signs(tmp_path):
+    """Negative moments: the signs of all entries, or of the moments alone, leave one body."""
+    random = np.random.default_rng(13)
+    links = {name: body(random) for name in ("base", "one", "two", "three")}
+    mass, com, inertia = links["two"]
+    products = 1e-5 * np.where(np.eye(3, dtype=bool), 0.0, inertia)
+    links["two"] = mass, com, products - np.diag(np.diag(inertia))
+    joints = [
+        ("base", "one", (0, 0, 0.3)),
+        ("one", "two", (0, 0, 0.3)),
+        ("two", "three", (0.3, 0, 0)),
+    ]
+    (finding,) = check_model(written(tmp_path / "arm.urdf", links, joints)).findings
+    expected = products + np.diag(np.diag(inertia))
+    np.testing.assert_array_equal(finding.repair.inertia, expected[np.triu_indices(3)])
+
+
 def test_no_inertia_is_taken_from_a_side_that_lacks_the_products(tmp_path):
     """The other side states zeros where every other link has products: some were left out there."""
     links, joints = two_sides(np.random.default_rng(12))
