@@ -56,6 +56,12 @@ def compared(count):
 
 
 @functools.cache
+def motions():
+    paths = {f"motion {i}": PATH for i in range(6)}
+    return evaluate(ARM, RIG, P_LAW, paths, backend="numba", **SHORT)
+
+
+@functools.cache
 def found():
     tiny = GeneticSettings(individuals=8, subpopulations=1, generations=2)
     return identify(ARM.dynamics, record(), settings=tiny, progress=False)
@@ -109,6 +115,7 @@ def whole_arm(ax=None):
 # name -> what draws it, and the shape of what it returns
 PLOTS = {
     "Evaluation.plot": (lambda ax=None: evaluation().plot(ax=ax), (2, 2)),
+    "Evaluations.plot": (lambda ax=None: motions().plot(ax=ax), (6,)),
     "Comparison.plot": (lambda ax=None: compared(2).plot(ax=ax), (2, 2)),
     "Comparison.plot, many": (lambda ax=None: compared(5).plot(ax=ax), (5, 2)),
     "Margins.plot": (lambda ax=None: margins(ARM, RIG, LAW).plot(ax=ax), (3,)),

@@ -263,7 +263,7 @@ class Certificate(Certified):
         return held(self, samples)
 
     def plot(self, ax: Any = None) -> NDArray[Any]:
-        """Draw peak errors, worst loop and sensitivities on (3,) Axes.
+        """Draw peak errors, errors of some loops and the worst, and sensitivities on (3,) Axes.
 
         A stated range of resonances adds a fourth Axes.
         """

@@ -25,6 +25,10 @@ class FigureSettings:
     ----------
     influences : int
         Sensitivities that are drawn.
+    cloud : int
+        Sampled loops whose errors are shaded behind the worst one.
+    blocks : int
+        Parts of the path, in each of which the cloud has one lowest and one highest error.
     bars : int
         Pulses beyond the limit that have separate bars; larger errors share the last one.
     numbered_joints : int
@@ -39,6 +43,8 @@ class FigureSettings:
 
     # Contents
     influences: int = 8
+    cloud: int = 16
+    blocks: int = 200
     bars: int = 4
     numbered_joints: int = 3
     # Sizes
@@ -167,36 +173,34 @@ def _peaks(axis: Any, certificate: Any, labels: list[str]) -> None:
 
 
 def _worst(axis: Any, certificate: Any, labels: list[str]) -> None:
-    """Error of the worst loop over time; instants outside the limit are marked."""
+    """Range of the errors of sampled loops along the path; the worst on top, with marks outside."""
     worst = certificate.worst
-    settings = certificate.settings
     within = certificate.within
-    options = {name: settings[name] for name in ("steps_per_sample", "duration")}
     # Before the run: a diverged one has axes without a curve.
-    axis.set(xlabel="time [s]", ylabel="error [pulses]")
-    # Runs of a population have no time series; the worst one is simulated again.
-    try:
-        run = evaluate(
-            worst.arm, worst.rig, certificate.law, certificate.reference, backend="numba", **options
-        )
-    except DivergenceError:
+    axis.set(xlabel="time [s]", ylabel="error before rounding [pulses]")
+    # Runs of a population have no time series, so these loops are simulated again.
+    run = _run(certificate, worst)
+    if run is None:
         dressed(axis, f"the worst of them (plant {worst.index}) diverges", 10)
         axis.set(xticks=[], yticks=[])
         return
+    cloud = min(SETTINGS.cloud, len(certificate.plants))
+    samples = [_run(certificate, certificate.plant(index)) for index in range(cloud)]
+    _draw_cloud(axis, [run, *(sample for sample in samples if sample is not None)])
+    for joint, error in enumerate(_errors(run).T):
+        axis.plot(run.record.t, error, color=colour_of(joint), linewidth=0.7)
     t = run.record.t
     # Instants are multiples of the period to rounding: 1e-9 of it keeps the one at `after`.
     # Instants before `after` do not count, as in the certificate.
-    counts = run.record.t >= settings["after"] - 1e-9 * run.record.rig.period
+    counts = t >= certificate.settings["after"] - 1e-9 * run.record.rig.period
     for joint, error in enumerate(run.record.error_pulses.T):
-        colour = colour_of(joint)
         outside = counts & (np.abs(error) > within)
-        axis.plot(t, error, drawstyle="steps-post", linewidth=0.4, alpha=0.45, color=colour)
         axis.plot(
             t[outside],
             error[outside],
             "o",
             markersize=4,
-            color=colour,
+            color=colour_of(joint),
             label=f"q[{joint}]: {outside.sum()} of {counts.sum()} samples outside",
         )
     draw_band(axis, int(within) if within == int(within) else within)
@@ -204,7 +208,38 @@ def _worst(axis: Any, certificate: Any, labels: list[str]) -> None:
     # Room for the legend above the curves.
     axis.set_ylim(low, low + (high - low) / (1 - _headroom(labels)))
     axis.legend(frameon=False, fontsize=8, loc="upper left")
-    dressed(axis, f"the worst of them (plant {worst.index}); shaded: ±{within:g} pulse", 10)
+    title = (
+        f"the worst of them (plant {worst.index}); pale: {cloud} others; shaded: ±{within:g} pulse"
+    )
+    dressed(axis, title, 10)
+
+
+def _run(certificate: Any, plant: Any) -> Any:
+    """The `Evaluation` of a sampled plant, or None where its loop diverges."""
+    options = {name: certificate.settings[name] for name in ("steps_per_sample", "duration")}
+    law, path = certificate.law, certificate.reference
+    try:
+        return evaluate(plant.arm, plant.rig, law, path, backend="numba", **options)
+    except DivergenceError:
+        return None
+
+
+def _errors(run: Any) -> NDArray[Any]:
+    """Errors (N, n) before rounding, at the sampling instants of a run [pulses]."""
+    steps = len(run.true_error_pulses) // len(run.record)
+    return run.true_error_pulses[::steps][: len(run.record)]
+
+
+def _draw_cloud(axis: Any, runs: list[Any]) -> None:
+    """Shade the range of the errors of all runs along the path, joint by joint."""
+    t = runs[0].record.t
+    starts = np.unique(np.linspace(0, len(t), SETTINGS.blocks, endpoint=False).astype(int))
+    errors = np.array([_errors(run) for run in runs])
+    low = np.minimum.reduceat(errors.min(axis=0), starts)
+    high = np.maximum.reduceat(errors.max(axis=0), starts)
+    for joint in range(errors.shape[2]):
+        style = {"color": colour_of(joint), "alpha": 0.25, "linewidth": 0, "zorder": 1}
+        axis.fill_between(t[starts], low[:, joint], high[:, joint], **style)
 
 
 def _sensitivities(axis: Any, certificate: Any, labels: list[str], influences: list[Any]) -> None:

@@ -5,7 +5,7 @@ gives it, or on a new figure, returns the Axes and leaves saving to the caller:
 ``axes.flat[0].figure.savefig(...)``.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -34,6 +34,8 @@ class FigureSettings:
     ----------
     abreast : int
         Controllers beside each other at most; more stand below each other.
+    strip : int
+        Motions beside each other at most.
     phases : int
         Phase plots beside each other at most.
     widest : float
@@ -41,6 +43,7 @@ class FigureSettings:
     """
 
     abreast: int = 4
+    strip: int = 4
     phases: int = 3
     widest: float = 22.0
 
@@ -202,6 +205,52 @@ def plot_comparison(evaluations: dict[str, Any], ax: Any = None) -> NDArray[Any]
     if abreast:
         equal_rows(axes)
     return drawn
+
+
+@literal
+def plot_motions(evaluations: Mapping[str, Any], ax: Any = None) -> NDArray[Any]:
+    """Tracking errors of one arm in several motions: a small panel each, with all joints."""
+    columns = min(len(evaluations), LAYOUT.strip)
+    rows = -(-len(evaluations) // columns)
+
+    def new() -> Any:
+        # Motions differ in length, so that no panels share their time.
+        size = {"width": 2.6 * columns, "height": 1.7, "time": False}
+        return row_by_row(None, rows, columns, **size).flat[: len(evaluations)]
+
+    axes = axes_of(ax, (len(evaluations),), new)
+    for axis, (name, evaluation) in zip(axes, evaluations.items(), strict=True):
+        record = evaluation.record
+        for joint, label in enumerate(evaluation.joint_labels):
+            error = record.error_pulses[:, joint]
+            axis.plot(
+                record.t,
+                error,
+                drawstyle="steps-post",
+                color=colour_of(joint),
+                linewidth=0.7,
+                alpha=0.8,
+                label=label,
+            )
+        draw_band(axis)
+        dressed(axis, f"{name}: {evaluation.share_within(1)}", 8)
+        axis.set(xlabel="time [s]", ylabel="error [pulses]")
+    if ax is None:
+        figure = axes[0].figure
+        # Cells of the last row without a motion.
+        for axis in figure.axes[len(evaluations) :]:
+            axis.set_axis_off()
+        figure.legend(
+            *axes[0].get_legend_handles_labels(),
+            loc="outside upper right",
+            frameon=False,
+            fontsize=8,
+            ncols=min(len(axes[0].lines), 6),
+        )
+        figure.suptitle(
+            "share of the samples within ±1 pulse (shaded)", fontsize=9, x=0.01, ha="left"
+        )
+    return axes
 
 
 @literal

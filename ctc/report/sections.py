@@ -296,7 +296,9 @@ def _named(identification: Any) -> Iterator[tuple[str, str, Any]]:
 def _certificate(certificate: Any) -> str:
     sampled, missing = certificate.plants.said
     one = _worst(certificate)
-    caption = "Peak errors of all arms, the worst of them, and the numbers that decide them"
+    caption = (
+        "Peak errors of all arms, errors of some and of the worst, and the numbers that decide them"
+    )
     return section(
         "Certificate",
         figure(one.plot(), "certificate", f"{caption}{_along(certificate, one.reference)}."),

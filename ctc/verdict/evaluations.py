@@ -6,7 +6,7 @@ from typing import Any, TypedDict, Unpack, overload
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ctc.figures.errors import plot_comparison
+from ctc.figures.errors import plot_comparison, plot_motions
 from ctc.verdict.evaluation import Evaluation
 from plant import Arm, Law, Reference, Rig
 from plant.motion.everyday import motions_of, naming, of_motion
@@ -104,6 +104,10 @@ class Evaluations(Shown, Mapping[str, Evaluation]):
     def holds(self) -> bool:
         """Whether all motions stay within ±1 pulse, and a machine would begin as they did."""
         return all(evaluation.holds for evaluation in self.values())
+
+    def plot(self, ax: Any = None) -> NDArray[Any]:
+        """Draw the errors of all joints in each motion on (motions,) Axes."""
+        return plot_motions(self.evaluations, ax)
 
     def _short(self) -> str:
         inside = sum(evaluation.within(1) for evaluation in self.values())

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from identification.replay.prediction import Prediction
+from identification.results.seen import of_prior
 from identification.search.memory import as_repeated, run_again
 from plant import Record
 from plant.checkup.oscillation import spectrum
@@ -120,7 +121,10 @@ def interval_height(values: int) -> float:
 
 
 def draw_intervals(axis: Any, identification: Any) -> None:
-    """Draw half-widths of the 95 % intervals, and of those of noise, as shares of the values."""
+    """Draw half-widths of the 95 % intervals as shares of the values, and those of noise in them.
+
+    The colour of a bar says where the value comes from: the log, or the prior.
+    """
     names = identification.short_names
     axis.set_yticks(np.arange(len(names)), names, fontsize=8)
     # The first parameter on top.
@@ -129,23 +133,35 @@ def draw_intervals(axis: Any, identification: Any) -> None:
     axis.set_xlabel("half-width [% of the value]")
     if identification.covariance is None:
         return
-    dot = {"color": colour_of(0), "s": 16}
-    ring = {"edgecolor": colour_of(1), "facecolor": "none", "s": 60}
-    # The ring around a dot shows how much of an interval is noise.
-    kinds = [(identification.covariance, "all that is counted", dot)]
+    size = np.maximum(np.abs(identification.fit.values), np.finfo(float).tiny)
+
+    def shares(covariance: Any) -> Any:
+        return 196 * np.sqrt(np.diag(covariance)) / size  # 1.96 standard deviations [%]
+
+    total = shares(identification.covariance)
+    # A known value has no width, and a value of zero no share.
+    drawn = (total > 0) & (total < 1e6)
+    of_prior_names = set(of_prior(identification))
+    from_prior = np.array([name in of_prior_names for name in names])
+    noise = np.full_like(total, np.nan)
     if identification.fit.noise_covariance is not None:
-        kinds.append((identification.fit.noise_covariance, "noise alone", ring))
-    for covariance, label, style in kinds:
-        size = np.maximum(np.abs(identification.fit.values), np.finfo(float).tiny)
-        share = 196 * np.sqrt(np.diag(covariance)) / size  # 1.96 standard deviations [%]
-        # A known value has no width, and a value of zero no share.
-        rows = np.flatnonzero((share > 0) & (share < 1e6))
-        axis.scatter(share[rows], rows, zorder=3, label=label, **style)
+        noise = shares(identification.fit.noise_covariance)
+    # A logarithmic axis has no zero: bars begin below the smallest share.
+    visible = np.concatenate([total[drawn], noise[drawn & (noise > 0)]])
+    start = 0.6 * min(visible, default=1.0)
+    for rows, label, joint in ((~from_prior, "from the log", 0), (from_prior, "from the prior", 1)):
+        rows = np.flatnonzero(rows & drawn)
+        if rows.size:
+            axis.barh(rows, total[rows] - start, 0.6, start, color=colour_of(joint), label=label)
+    rows = np.flatnonzero(drawn & (noise > 0))
+    if rows.size:
+        # How much of an interval is noise: the rest are tolerances of the rig.
+        axis.plot(noise[rows], rows, "|", color="black", markersize=9, label="noise alone")
     axis.set_xscale("log")
     axis.xaxis.set_major_formatter("{x:g}")
     # Beyond 100 % the sign of the value is not known.
     axis.axvline(100, color="0.5", linewidth=0.8, linestyle="--")
-    legend_above(axis)
+    legend_above(axis, columns=3)
 
 
 @literal
