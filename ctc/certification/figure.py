@@ -208,9 +208,7 @@ def _worst(axis: Any, certificate: Any, labels: list[str]) -> None:
     # Room for the legend above the curves.
     axis.set_ylim(low, low + (high - low) / (1 - _headroom(labels)))
     axis.legend(frameon=False, fontsize=8, loc="upper left")
-    title = (
-        f"the worst of them (plant {worst.index}); pale: {cloud} others; shaded: ±{within:g} pulse"
-    )
+    title = f"worst (plant {worst.index}), pale: {cloud} others; band: ±{within:g} pulse"
     dressed(axis, title, 10)
 
 
