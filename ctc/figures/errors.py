@@ -215,8 +215,8 @@ def plot_motions(evaluations: Mapping[str, Any], ax: Any = None) -> NDArray[Any]
 
     def new() -> Any:
         # Motions differ in length, so that no panels share their time.
-        size = {"width": 2.6 * columns, "height": 1.7, "time": False}
-        return row_by_row(None, rows, columns, **size).flat[: len(evaluations)]
+        panels = row_by_row(None, rows, columns, width=2.6 * columns, height=1.7, time=False)
+        return panels.flat[: len(evaluations)]
 
     axes = axes_of(ax, (len(evaluations),), new)
     for axis, (name, evaluation) in zip(axes, evaluations.items(), strict=True):
