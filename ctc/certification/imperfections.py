@@ -54,8 +54,18 @@ class Imperfection:
             part = getattr(part, name, None)
         return part
 
+    def applies(self, rig: Rig) -> bool:
+        """Whether such a rig can have it; only those above servos have a supply."""
+        return not self.place.startswith("inner.") or self.own(rig) is not None
+
     def placed(self, rig: Rig, value: float) -> Rig:
         """The rig with this value, all joints alike."""
+        if not self.applies(rig):
+            kind = "none" if rig.inner is None else type(rig.inner).__name__
+            raise ValueError(
+                f"{self.words} needs a rig with a PositionServo as its inner loop; got {kind}. Leave"
+                " it out, or state inner=."
+            )
         if self.place.startswith("drive.elasticity") and rig.drive.elasticity is None:
             raise ValueError(
                 f"{self.words} needs elastic joints; got a rigid rig. State their resonance= too"
@@ -150,6 +160,13 @@ IMPERFECTIONS: dict[str, Imperfection] = {
         number="encoder.quadrature.amplitude",
         build=lambda value: QuadratureError(amplitude=value, phase=0 * value),
         follows=_phases("encoder.quadrature.phase"),
+    ),
+    # A servo's voltage, its temperature and another gain register all scale its torque.
+    "supply": Imperfection(
+        words="supply of the servos",
+        unit="of that stated",
+        place="inner.supply",
+        number="inner.supply",
     ),
 }
 

@@ -388,6 +388,8 @@ def statement(
     ]
     for name, row in IMPERFECTIONS.items():
         ends = getattr(u, name)
+        if not row.applies(rig):
+            continue
         # An imperfection of the rig itself is in all samples, too.
         of_rig = "" if row.own(rig) is None else " (as the rig has it)"
         rows.append((any(ends), f"{row.words} {spread(ends)} {row.unit}", f"{row.words}{of_rig}"))

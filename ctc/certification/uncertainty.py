@@ -69,6 +69,8 @@ class Uncertainty(Shown, Part):
         Amplitude of the torque ripple, six cycles per turn of the motor [N m], motor side.
     quadrature : float or (2,) array_like
         Amplitude of the encoder's error within four counts [pulses].
+    supply : float or (2,) array_like
+        Voltage of position servos over that stated, (0.9, 1.1), each its own; also another gain.
 
     Raises
     ------
@@ -108,6 +110,7 @@ class Uncertainty(Shown, Part):
     load_friction: Range = structure(default=(0.0, 0.0))
     ripple: Range = structure(default=(0.0, 0.0))
     quadrature: Range = structure(default=(0.0, 0.0))
+    supply: Range = structure(default=(0.0, 0.0))
 
     __repr__ = Shown.__repr__
 

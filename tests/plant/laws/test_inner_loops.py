@@ -295,6 +295,23 @@ def test_certificate_of_goals_counts_the_servo_s_gain():
     assert set(everyday_motions(ARM, loop))
 
 
+def test_supply_of_the_servos_is_sampled_and_refused_without_servos():
+    loop = rig()
+    law = ComputedTorque(ARM, loop)
+    options = {"samples": 20, "within": 2, "progress": False}
+    peaks = {}
+    for name, supply in {"as stated": (0.0, 0.0), "uncertain": (0.6, 1.4)}.items():
+        stated = Uncertainty(covariance=np.diag((0.01 * dynamics().f()) ** 2), supply=supply)
+        certificate = certify(ARM, loop, law, FAST, stated, **options)
+        peaks[name] = np.median(certificate.runs.peak)
+        words = "supply of the servos"
+        assert any(words in text for text in certificate.plants.said[0]) == (name == "uncertain")
+    assert peaks["uncertain"] > 1.2 * peaks["as stated"]
+    plain_rig = rig(inner=None)
+    with pytest.raises(ValueError, match="needs a rig with a PositionServo"):
+        certify(ARM, plain_rig, ComputedTorque(ARM, plain_rig, bandwidth=30), FAST, stated, **options)
+
+
 def test_record_of_goals_is_the_same_experiment_as_goals_from_above():
     # The law of a log is the inner loop of the rig: the record leaves it out of the rig.
     loop = rig()
