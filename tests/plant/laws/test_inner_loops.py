@@ -309,7 +309,9 @@ def test_supply_of_the_servos_is_sampled_and_refused_without_servos():
     assert peaks["uncertain"] > 1.2 * peaks["as stated"]
     plain_rig = rig(inner=None)
     with pytest.raises(ValueError, match="needs a rig with a PositionServo"):
-        certify(ARM, plain_rig, ComputedTorque(ARM, plain_rig, bandwidth=30), FAST, stated, **options)
+        certify(
+            ARM, plain_rig, ComputedTorque(ARM, plain_rig, bandwidth=30), FAST, stated, **options
+        )
 
 
 def test_record_of_goals_is_the_same_experiment_as_goals_from_above():
