@@ -8,6 +8,7 @@ from identification.equation_error.law_memory import FADED, at_work, reading, st
 from identification.equation_error.torque_logs import law_torque, logged_torque, torque_of
 from identification.equation_error.torque_noise import independent_noise
 from plant import Record, Resumed
+from plant.laws.pid import variants
 from plant.parts import Floats, frozen_settings
 from plant.parts.sums import least
 from plant.simulation.followed_path import path_of, start_of
@@ -27,11 +28,17 @@ class StatedLawSettings:
         Distance from the logged torque that does not count, relative to the largest torque.
     rounds : int
         Fits of the state: a law that saturates is not linear in it.
+    differs : float
+        Relative distance from the logged torque from which on variants of the law are tried.
+    nearer : float
+        Share of this distance that a variant may leave, to be named.
     """
 
     ratio: float = 1.1
     equal: float = 1e-3
     rounds: int = 2
+    differs: float = 5e-4
+    nearer: float = 0.25
 
 
 SETTINGS = StatedLawSettings()
@@ -66,6 +73,26 @@ def torque_apart(record: Record) -> Floats | None:
     size = np.sqrt(np.mean(logged[rows] ** 2, axis=0))
     # A joint without torque has no share of it.
     return distance / np.maximum(size, 1e-9 * max(size.max(), 1e-300))
+
+
+def likelier_variant(record: Record, apart: Floats) -> tuple[str, Floats] | None:
+    """The variant of the stated law that gives the logged torque, and how far apart (n,) that is.
+
+    `apart` (n,): the same of the stated law. None where no variant is clearly nearer.
+    """
+    law = record.law
+    if not apart.max() > SETTINGS.differs:
+        return None
+    inner = law.law if isinstance(law, Resumed) else law
+    nearest = None
+    for text, variant in variants(inner).items():
+        stated = replace(law, law=variant) if isinstance(law, Resumed) else variant
+        # A variant with more memory has no state yet: its own start is fitted.
+        distance = torque_apart(replace(record, law=stated))
+        if distance is not None and distance.max() < SETTINGS.nearer * apart.max():
+            if nearest is None or distance.max() < nearest[1].max():
+                nearest = text, distance
+    return nearest
 
 
 def begun(record: Record) -> Record:

@@ -274,6 +274,15 @@ def _law(case):
         zip(result.records, result.diagnostics.law_apart, strict=True)
     ):
         law = type(record.law).__name__
+        variant = None if apart is None or i in case.late else likelier_variant(record, apart)
+        if variant is not None:
+            text, remaining = variant
+            yield (
+                f"the stated {law} gives another torque than {case.log(i)} has, by"
+                f" {apart.max():.2g} of it (rms); with {text} it is {remaining.max():.2g}. State"
+                f" {law}(..., {text})."
+            )
+            continue
         # A delay explains the difference, so it is not the fault of the law.
         if i in case.late:
             delays = ", ".join(

@@ -1,17 +1,37 @@
 """P, PD and PID control on the tracking error in pulses; the cascade of industrial drives."""
 
 import functools
-from typing import Any
+from dataclasses import replace
+from typing import Any, Self
 
 import casadi as ca
+import numpy as np
+from numpy.typing import ArrayLike
 
 from plant.laws.law import Law, Setpoint, StatelessLaw, Step
-from plant.laws.terms import SMOOTHED, difference, filtered_difference, integrated, readings
+from plant.laws.terms import (
+    ANTI_WINDUP,
+    INTEGRATION,
+    SMOOTHED,
+    Integral,
+    difference,
+    filtered_difference,
+    readings,
+)
 from plant.machine.rig import Rig
-from plant.parts.arguments import optional_period, signs
+from plant.parts.arguments import choice, optional_period, signs
 from plant.parts.fields import Vector
 from plant.parts.part import number, part, structure
 from plant.parts.vector import Fields, per_joint
+
+# Gains of drives in SI units: of the position loop [1/s], of the speed loop per rad/s.
+_PER_SECOND = {"1/s": 1.0, "mm/min/um": 1000 / 60}
+_PER_RADIAN = {
+    "N m s/rad": 1.0,
+    "A s/rad": 1.0,
+    "N m/rpm": 30 / np.pi,
+    "A/rpm": 30 / np.pi,
+}
 
 
 @part
@@ -58,6 +78,13 @@ class P(StatelessLaw):
 class PD(Law):
     """PD control: motor torque = gain e + derivative edot, e being the tracking error in pulses.
 
+    At sample k, T after the one before, in this order:
+
+    1. e_k = r_k - c_k, of the reference and the counts.
+    2. s_k = s_(k-1) + (1 - exp(-filter T)) (e_k - s_(k-1)), with s_0 = e_0; edot_k = (s_k -
+       s_(k-1)) / T.
+    3. u_k = gain e_k + derivative edot_k, limited by the amplifier and held until sample k + 1.
+
     Parameters
     ----------
     gain : (n,) array_like
@@ -69,6 +96,8 @@ class PD(Law):
     period : float, optional
         Sampling period [s], the torque held in between. None: fast hardware, evaluated at every
         sub-step.
+    derivative_of : {"error", "counts"}
+        What step 2 differentiates: e, or -c, which no step of the reference disturbs.
 
     See Also
     --------
@@ -87,11 +116,13 @@ class PD(Law):
     derivative: Vector = number(("n",))
     filter: float = number(())
     period: float | None = structure(default=None)
+    derivative_of: str = structure(default="error")
 
     def __post_init__(self) -> None:
         super().__post_init__()
         signs(self, positive=("filter",), not_negative=("gain", "derivative"))
         optional_period(self)
+        choice("derivative_of", self.derivative_of, ("error", "counts"))
 
     fields = Fields(error=SMOOTHED)
 
@@ -102,20 +133,30 @@ class PD(Law):
         # Only the filter of the derivative remembers: a difference of raw counts would jump by a
         # pulse per sample.
         memory = self.fields.read(state, rig.n).error
-        motor, memory = self.motor_torque(setpoint.pulses - pulses, memory, dt)
+        motor, memory = self.motor_torque(setpoint.pulses - pulses, memory, dt, pulses)
         return rig.drive.joint_torque(motor), self.fields.write(rig.n, error=memory)
 
-    def motor_torque(self, error: ca.SX, memory: Any, dt: ca.SX) -> tuple[ca.SX, Any]:
-        """Motor torque (n,) [N m] for an error (n,) [pulses], and the filter's memory."""
-        # The derivative acts on the error, not on the counts alone: a reference that speeds up is
-        # followed without delay.
-        rate, memory = filtered_difference(error, memory, self.filter, dt)
+    def motor_torque(
+        self, error: ca.SX, memory: Any, dt: ca.SX, pulses: ca.SX
+    ) -> tuple[ca.SX, Any]:
+        """Motor torque (n,) [N m] for an error and counts (n,) [pulses], and the filter's memory."""
+        # Of the error, a reference that speeds up is followed without delay.
+        signal = error if self.derivative_of == "error" else -pulses
+        rate, memory = filtered_difference(signal, memory, self.filter, dt)
         return self.gain * error + self.derivative * rate, memory
 
 
 @part
 class PID(PD):
-    """PID control: `PD` plus the integral of the error, with anti-windup by back-calculation.
+    """PID control: `PD` plus the integral of the error, with anti-windup.
+
+    Between steps 2 and 3 of `PD`:
+
+    - i_k = i_(k-1) + T integral e_k + min(T integral / gain, 1) (a_k - u_(k-1)), with i_(-1) = 0;
+      a_k is the torque that the amplifier gave since sample k - 1, which is u_(k-1) below its
+      limit.
+
+    Then u_k = gain e_k + derivative edot_k + i_k.
 
     Parameters
     ----------
@@ -123,8 +164,14 @@ class PID(PD):
         Motor torque per pulse [N m], above zero.
     integral : (n,) array_like
         Motor torque per pulse and second [N m/s].
-    derivative, filter, period
+    derivative, filter, period, derivative_of
         As of `PD`.
+    integration : {"backward", "forward", "tustin"}
+        With this sample, as above (Euler backward); u_k takes i_(k-1), the samples before (Euler
+        forward); or (e_k + e_(k-1)) / 2 in place of e_k (trapezoids), with e_(-1) = 0.
+    anti_windup : {"back-calculation", "clamping", "limit", "none"}
+        The last term of i_k; or no integration while the torque is limited, but away from the
+        limit; or i_k clipped at the amplifier's limit; or nothing.
 
     See Also
     --------
@@ -138,13 +185,23 @@ class PID(PD):
     """
 
     integral: Vector = number(("n",))
+    integration: str = structure(default="backward")
+    anti_windup: str = structure(default="back-calculation")
 
     def __post_init__(self) -> None:
         super().__post_init__()
         signs(self, positive=("gain",), not_negative=("integral",))
+        choice("integration", self.integration, INTEGRATION)
+        choice("anti_windup", self.anti_windup, ANTI_WINDUP)
 
-    # `commanded`, on the motor, tells one step later how much the amplifier cut off.
-    fields = PD.fields | Fields(integral=per_joint(), commanded=per_joint())
+    @functools.cached_property
+    def fields(self) -> Fields:
+        """Filter, integral and command [N m on the motor].
+
+        `commanded` tells one step later how much the amplifier cut off.
+        """
+        memory = PD.fields | Fields(integral=per_joint(), commanded=per_joint())
+        return memory | Integral(self.integration, self.anti_windup).fields
 
     def equations(
         self, rig: Rig, state: ca.SX, setpoint: Setpoint, pulses: ca.SX, torque: ca.SX, dt: ca.SX
@@ -152,19 +209,16 @@ class PID(PD):
         """Tau = k (P e + I (integral of e) + D edot)."""
         before = self.fields.read(state, rig.n)
         error = setpoint.pulses - pulses
-        # The amplifier cut this off in the last step: the torque that acted, on the motor, less the
-        # command. It is zero below the limit.
-        missing = rig.drive.motor_torque(torque) - before.commanded
-        # Back-calculation unwinds the integral by that difference, with the time constant gain over
-        # integral.
+        # Back-calculation unwinds with the time constant gain over integral.
         tracking = self.integral / self.gain  # type: ignore[operator]  # mypy takes inherited fields for what goes in
         # The integral holds torque [N m], not pulse seconds, so that a change of its gain causes no
         # jump.
-        integral = integrated(before.integral, self.integral * error, missing, tracking, dt)
+        rule = Integral(self.integration, self.anti_windup)
+        acting, stored = rule.step(before, self.integral * error, tracking, rig, torque, dt)
 
-        motor, memory = self.motor_torque(error, before.error, dt)
-        commanded = motor + integral
-        following = self.fields.write(rig.n, error=memory, integral=integral, commanded=commanded)
+        motor, memory = self.motor_torque(error, before.error, dt, pulses)
+        commanded = motor + acting
+        following = self.fields.write(rig.n, error=memory, commanded=commanded, **stored)
         return rig.drive.joint_torque(commanded), following
 
 
@@ -172,10 +226,20 @@ class PID(PD):
 class Cascade(Law):
     """Cascade control of industrial drives: P on the position, PI on the speed.
 
-    Motor torque = speed (w - pulses') + integral of the same. The commanded speed is w = position
-    e, with e the tracking error in pulses; pulses' is the filtered difference of the counts, or
-    their difference over some samples. Nothing is fed forward, so in steady motion the error is the
-    reference's speed over `position`.
+    At sample k, T after the one before, in this order:
+
+    1. e_k = r_k - c_k, of the reference and the counts.
+    2. The speed v_k. With a filter: s_k = s_(k-1) + (1 - exp(-filter T)) (c_k - s_(k-1)), s_0 =
+       c_0, v_k = (s_k - s_(k-1)) / T. With a difference of m samples: v_k = (c_k - c_(k-m)) / (m
+       T), where the counts stood still before the first sample.
+    3. The speed error w_k = position e_k - v_k.
+    4. i_k = i_(k-1) + T integral w_k + min(T integral / speed, 1) (a_k - u_(k-1)), with i_(-1) = 0;
+       a_k is the torque that the amplifier gave since sample k - 1, which is u_(k-1) below its
+       limit.
+    5. u_k = speed w_k + i_k on the motor, limited by the amplifier and held until sample k + 1.
+
+    Nothing is fed forward, so in steady motion the error is the reference's speed over `position`.
+    `from_drive` takes gains in the units of drives.
 
     Parameters
     ----------
@@ -193,6 +257,12 @@ class Cascade(Law):
     period : float, optional
         Sampling period [s], the torque held in between. None: fast hardware, evaluated at every
         sub-step.
+    integration : {"backward", "forward", "tustin"}
+        Step 4 with this sample, as above (Euler backward); u_k takes i_(k-1), the samples before
+        (Euler forward); or (w_k + w_(k-1)) / 2 in place of w_k (trapezoids), with w_(-1) = 0.
+    anti_windup : {"back-calculation", "clamping", "limit", "none"}
+        The last term of step 4; or no integration while the torque is limited, but away from the
+        limit; or i_k clipped at the amplifier's limit; or nothing.
 
     See Also
     --------
@@ -211,11 +281,15 @@ class Cascade(Law):
     filter: float = number((), default=None)
     difference: int = structure(default=0)
     period: float | None = structure(default=None)
+    integration: str = structure(default="backward")
+    anti_windup: str = structure(default="back-calculation")
 
     def __post_init__(self) -> None:
         super().__post_init__()
         signs(self, positive=("speed",), not_negative=("position", "integral"))
         optional_period(self)
+        choice("integration", self.integration, INTEGRATION)
+        choice("anti_windup", self.anti_windup, ANTI_WINDUP)
         if (
             isinstance(self.difference, bool)
             or not isinstance(self.difference, int)
@@ -241,19 +315,65 @@ class Cascade(Law):
         if self.filter is not None:
             signs(self, positive=("filter",))
 
+    @classmethod
+    def from_drive(
+        cls,
+        rig: Rig,
+        *,
+        Kp: ArrayLike,
+        Kv: ArrayLike,
+        Tn: ArrayLike,
+        position_unit: str = "1/s",
+        speed_unit: str = "N m s/rad",
+        **fields: Any,
+    ) -> Self:
+        """A cascade with gains in the units of drives.
+
+        Parameters
+        ----------
+        rig : Rig
+        Kp : (n,) array_like
+            Gain of the position loop, in `position_unit`.
+        Kv : (n,) array_like
+            Gain of the speed loop, motor torque or current per motor speed, in `speed_unit`.
+        Tn : (n,) array_like
+            Reset time of the speed loop [s]; infinity without an integral.
+        position_unit : {"1/s", "mm/min/um"}
+            1 mm/min/um is 1000/60 1/s.
+        speed_unit : {"N m s/rad", "A s/rad", "A/rpm", "N m/rpm"}
+            Per motor speed; currents become torque by the rig's motor gain.
+        **fields
+            Further fields of a cascade: filter or difference, period, integration, anti_windup.
+
+        Examples
+        --------
+        >>> from plant import Cascade, puma560
+        >>> law = Cascade.from_drive(puma560.rig(), Kp=20, Kv=0.05, Tn=0.02, filter=600.0)
+        >>> law.position, (law.integral / law.speed).round(6)
+        (array([20., 20.]), array([50., 50.]))
+        """
+        choice("position_unit", position_unit, tuple(_PER_SECOND))
+        choice("speed_unit", speed_unit, tuple(_PER_RADIAN))
+        per_current = speed_unit.startswith("A")
+        # Motor torque per motor speed [N m s/rad], then per pulses per second.
+        torque = np.asarray(Kv, float) * _PER_RADIAN[speed_unit]
+        torque = torque * (rig.drive.motor_gain if per_current else 1.0)
+        speed = np.broadcast_to(torque * 2 * np.pi / rig.encoder.resolution, rig.n)
+        position = np.broadcast_to(np.asarray(Kp, float) * _PER_SECOND[position_unit], rig.n)
+        return cls(position=position, speed=speed, integral=speed / np.asarray(Tn, float), **fields)
+
     @functools.cached_property
     def fields(self) -> Fields:
         """Readings for the speed, integral and command [N m on the motor]."""
         pulses = readings(self.difference) if self.difference else SMOOTHED
-        return Fields(pulses=pulses, integral=per_joint(), commanded=per_joint())
+        memory = Fields(pulses=pulses, integral=per_joint(), commanded=per_joint())
+        return memory | Integral(self.integration, self.anti_windup).fields
 
     def equations(
         self, rig: Rig, state: ca.SX, setpoint: Setpoint, pulses: ca.SX, torque: ca.SX, dt: ca.SX
     ) -> Step:
         """Tau = k (K_v (K_p e - pulses') + K_i (integral of the same))."""
         before = self.fields.read(state, rig.n)
-        # As in `PID`: the saturation of the last step, on the motor.
-        missing = rig.drive.motor_torque(torque) - before.commanded
         if self.difference:
             rate, memory = difference(pulses, before.pulses, self.difference, dt)
         else:
@@ -261,11 +381,26 @@ class Cascade(Law):
         # The speed error in pulses per second: commanded speed of the position loop less the
         # measured one.
         too_slow = self.position * (setpoint.pulses - pulses) - rate
-        integral = integrated(
-            before.integral, self.integral * too_slow, missing, self.integral / self.speed, dt
-        )
+        rule = Integral(self.integration, self.anti_windup)
+        slope = self.integral * too_slow
+        acting, stored = rule.step(before, slope, self.integral / self.speed, rig, torque, dt)
         # The amplifier's limit is the rig's; the command is stored before it, for the anti-windup
         # of the next step.
-        motor = self.speed * too_slow + integral
-        following = self.fields.write(rig.n, pulses=memory, integral=integral, commanded=motor)
+        motor = self.speed * too_slow + acting
+        following = self.fields.write(rig.n, pulses=memory, commanded=motor, **stored)
         return rig.drive.joint_torque(motor), following
+
+
+def variants(law: Law) -> dict[str, Law]:
+    """The other variants of a law with an integral, by the fields that differ; none of others."""
+    if not isinstance(law, (PID, Cascade)):
+        return {}
+    others = {}
+    for field, names in (("integration", INTEGRATION), ("anti_windup", ANTI_WINDUP)):
+        for name in names:
+            if name != getattr(law, field):
+                others[f"{field}={name!r}"] = replace(law, **{field: name})
+    if isinstance(law, PID):
+        signal = "counts" if law.derivative_of == "error" else "error"
+        others[f"derivative_of={signal!r}"] = replace(law, derivative_of=signal)
+    return others

@@ -6,10 +6,11 @@ time constant, the rate is the plain backward difference; if it is short, it is 
 derivative, pole s / (s + pole).
 """
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import casadi as ca
 
+from plant.machine.rig import Rig
 from plant.parts.vector import Fields, per_joint, scalars
 
 SMOOTHED = Fields(signal=per_joint(), begun=scalars())
@@ -41,6 +42,57 @@ def difference(signal: ca.SX, memory: Any, samples: int, dt: ca.SX) -> tuple[ca.
     rows = ca.vertsplit(signals, signal.shape[0])
     rate = (signal - rows[-1]) / (samples * dt)
     return rate, memory._replace(signals=ca.vertcat(signal, *rows[:-1]), begun=1)
+
+
+INTEGRATION = ("backward", "forward", "tustin")
+"""How an integral is summed: with this sample, from those before, or by trapezoids."""
+
+ANTI_WINDUP = ("back-calculation", "clamping", "limit", "none")
+"""What an integral does while the amplifier limits the torque."""
+
+# Difference of the applied from the commanded torque, relative, that is no rounding.
+_LIMITED = 1e-9
+
+
+class Integral(NamedTuple):
+    """How a law integrates: `rule` of `INTEGRATION`, and `anti_windup` of `ANTI_WINDUP`."""
+
+    rule: str
+    anti_windup: str
+
+    @property
+    def fields(self) -> Fields:
+        """Memory beside the integral: the last integrand, of trapezoids."""
+        return Fields(slope=per_joint()) if self.rule == "tustin" else Fields()
+
+    def step(
+        self, before: Any, slope: ca.SX, tracking: ca.SX, rig: Rig, torque: ca.SX, dt: ca.SX
+    ) -> tuple[ca.SX, dict[str, ca.SX]]:
+        """The integral (n,) that acts in this sample, and the memory for the next.
+
+        `before`: the record of the law's memory, with `integral` and `commanded`, on the motor.
+        `slope`: integrand times its gain. `tracking`: integral gain over gain [1/s]. `torque`: that
+        acted since the last sample, on the joint.
+        """
+        # The amplifier cut this off in the last step: zero below the limit.
+        missing = rig.drive.motor_torque(torque) - before.commanded
+        memory = {}
+        if self.rule == "tustin":
+            memory["slope"] = slope
+            slope = (slope + before.slope) / 2
+        if self.anti_windup == "clamping":
+            # Integrate at the limit only what leads away from it.
+            at_limit = ca.fabs(missing) > _LIMITED * ca.fabs(before.commanded)
+            slope = ca.if_else(ca.logic_and(at_limit, slope * missing <= 0), 0, slope)
+        if self.anti_windup == "back-calculation":
+            following = integrated(before.integral, slope, missing, tracking, dt)
+        else:
+            following = before.integral + dt * slope
+        if self.anti_windup == "limit":
+            limit = rig.drive.motor_gain * rig.drive.current_limit
+            following = ca.fmin(ca.fmax(following, -limit), limit)
+        memory["integral"] = following
+        return before.integral if self.rule == "forward" else following, memory
 
 
 def integrated(integral: ca.SX, slope: ca.SX, missing: ca.SX, tracking: ca.SX, dt: ca.SX) -> ca.SX:
