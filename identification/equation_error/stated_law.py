@@ -89,9 +89,9 @@ def likelier_variant(record: Record, apart: Floats) -> tuple[str, Floats] | None
         stated = replace(law, law=variant) if isinstance(law, Resumed) else variant
         # A variant with more memory has no state yet: its own start is fitted.
         distance = torque_apart(replace(record, law=stated))
-        if distance is not None and distance.max() < SETTINGS.nearer * apart.max():
-            if nearest is None or distance.max() < nearest[1].max():
-                nearest = text, distance
+        limit = SETTINGS.nearer * apart.max() if nearest is None else nearest[1].max()
+        if distance is not None and distance.max() < limit:
+            nearest = text, distance
     return nearest
 
 

@@ -9,6 +9,7 @@ import numpy as np
 from identification.equation_error.arm_check import FittedArm
 from identification.equation_error.naming import misread
 from identification.equation_error.restated import restated, wrong_statements
+from identification.equation_error.stated_law import likelier_variant
 from identification.replay.timing import is_late
 from identification.results.seen import APART, contradicted, motion_of
 from identification.results.with_arm import BY_NAME

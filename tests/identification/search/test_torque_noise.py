@@ -10,16 +10,7 @@ from random_rigs import log_of
 from identification import identify
 from identification.equation_error.torque_noise import independent_noise, white_noise
 from plant import (
-    Body,
-    Cascade,
-    Chain,
-    Drive,
-    Dynamics,
-    Encoder,
-    Harmonics,
-    Link,
     LoggedCurrent,
-    Rig,
 )
 
 NOISE = 0.03  # of the current [A]: 0.3 % of its range
