@@ -81,7 +81,7 @@ def likelier_variant(record: Record, apart: Floats) -> tuple[str, Floats] | None
     `apart` (n,): the same of the stated law. None where no variant is clearly nearer.
     """
     law = record.law
-    if not apart.max() > SETTINGS.differs:
+    if law is None or not apart.max() > SETTINGS.differs:
         return None
     inner = law.law if isinstance(law, Resumed) else law
     nearest = None

@@ -195,7 +195,7 @@ class PID(PD):
         choice("anti_windup", self.anti_windup, ANTI_WINDUP)
 
     @functools.cached_property
-    def fields(self) -> Fields:
+    def fields(self) -> Fields:  # type: ignore[override]  # that of `PD` has nothing to choose
         """Filter, integral and command [N m on the motor].
 
         `commanded` tells one step later how much the amplifier cut off.
@@ -395,11 +395,13 @@ def variants(law: Law) -> dict[str, Law]:
     """The other variants of a law with an integral, by the fields that differ; none of others."""
     if not isinstance(law, (PID, Cascade)):
         return {}
-    others = {}
+    others: dict[str, Law] = {}
+    change: dict[str, Any]
     for field, names in (("integration", INTEGRATION), ("anti_windup", ANTI_WINDUP)):
         for name in names:
             if name != getattr(law, field):
-                others[f"{field}={name!r}"] = replace(law, **{field: name})
+                change = {field: name}
+                others[f"{field}={name!r}"] = replace(law, **change)
     if isinstance(law, PID):
         signal = "counts" if law.derivative_of == "error" else "error"
         others[f"derivative_of={signal!r}"] = replace(law, derivative_of=signal)
