@@ -161,6 +161,19 @@ class FrictionTrial(Shown):
         yield self._short()
 
 
+def gain(base: Floats, gains: Floats) -> tuple[float, float]:
+    """Mean gain of blocks (S,) relative to their mean loss `base`, and in standard errors.
+
+    NaN of a single block, which has no standard error.
+    """
+    gains = gains[np.isfinite(gains)]
+    if len(gains) < 2:
+        return np.nan, np.nan
+    # Blocks that all gain alike have no scatter.
+    error = max(float(gains.std(ddof=1)) / np.sqrt(len(gains)), 1e-300)
+    return float(gains.mean() / np.nanmean(base)), float(gains.mean() / error)
+
+
 def friction_trials(
     systems: Sequence[System],
     candidates: Sequence[tuple[str, tuple[float, ...] | None]],
@@ -203,9 +216,8 @@ def friction_trials(
     for i, (kind, share) in enumerate(candidates):
         further = range(count + i * size, count + (i + 1) * size)
         losses, fits = beside(further, viscous if kind == SATURATING else ())
-        gains = (base - losses)[np.isfinite(base - losses)]
-        # One block alone has no standard error.
-        if len(gains) < 2:
+        better, errors = gain(base, base - losses)
+        if not np.isfinite(errors):
             continue
         # The median: a block without slow motion may make a level any number.
         levels = np.full(weights.shape[1], np.nan)
@@ -213,15 +225,12 @@ def friction_trials(
         # A negative level is another kind of friction; an offset may have either sign.
         if kind != ASYMMETRIC and np.nansum(levels) < 0:
             continue
-        # Blocks that all gain alike have no scatter.
-        error = max(float(gains.std(ddof=1)) / np.sqrt(len(gains)), 1e-300)
         trials.append(
             FrictionTrial(
                 kind=kind,
                 share=share,
-                # Relative to the loss without the candidate, so that it does not depend on units.
-                better=float(gains.mean() / np.nanmean(base)),
-                errors=gains.mean() / error,
+                better=better,
+                errors=errors,
                 levels=levels,
                 usual=usual,
             )

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from identification.equation_error.arm_check import FittedArm
-from identification.equation_error.band_choice import SHARES, choose_band, choose_speed
+from identification.equation_error.band_choice import SHARES, choose_band, choose_speed, tried
 from identification.equation_error.filters import BAND_MOST, CUTOFF, derivatives
 from identification.equation_error.friction_trial import (
     ASYMMETRIC,
@@ -17,6 +17,7 @@ from identification.equation_error.friction_trial import (
     STRIBECK,
     FrictionTrial,
     friction_trials,
+    gain,
 )
 from identification.equation_error.friction_trial import SETTINGS as FRICTION
 from identification.equation_error.least_squares import (
@@ -568,19 +569,43 @@ def stated_offsets(task: TorqueEquations) -> bool:
 def _by_direction(
     task: TorqueEquations, selection: Selection, weights: Floats | None
 ) -> TorqueEquations:
-    """The same with friction by direction, levels and slopes, where joints have evidence of it."""
-    drive = task.logs[0].rig.drive
-    unknown = set(task.names) - set(task.known)
+    """The same with friction by direction, levels and slopes, where joints have evidence of it.
+
+    Slopes must predict blocks kept aside clearly better, too: viscous friction that saturates looks
+    like one by direction where a joint moves faster one way.
+    """
     if stated_offsets(task):
         return task
-    gear = np.abs(drive.gear)
-    names = [f"{OFFSET}[{j}]" for j in range(drive.n) if f"drive.coulomb[{j}]" in unknown]
-    if drive.curve is None:
-        names += [
-            f"{VISCOUS_OFFSET}[{j}]"
-            for j in range(drive.n)
-            if {f"drive.viscous[{j}]", f"drive.coulomb[{j}]"} <= unknown
-        ]
+    drive = task.logs[0].rig.drive
+    unknown = set(task.names) - set(task.known)
+    dry = [j for j in range(drive.n) if f"drive.coulomb[{j}]" in unknown]
+    offsets = [f"{OFFSET}[{j}]" for j in dry]
+    slopes = [f"{VISCOUS_OFFSET}[{j}]" for j in dry if f"drive.viscous[{j}]" in unknown]
+    levels = _evident(task, offsets, selection, weights)
+    if drive.curve is not None:
+        return levels
+    both = _evident(task, [*offsets, *slopes], selection, weights)
+    if not any(name.startswith(VISCOUS_OFFSET) for name in both.names):
+        return levels
+    sigma = levels.fit(selection, weights, thin=True).sigma
+    gap = 1 / selection.band
+    # One set of weights, so that both are judged alike.
+    common = np.tile(1 / sigma, (len(task.logs), 1))
+    fits = [
+        tried(one.systems(selection, thin=True)[1], task.seconds, gap, common)
+        for one in (levels, both)
+    ]
+    if None in fits:
+        return levels
+    before, after = (fit.losses(fit.without) for fit in fits if fit is not None)
+    better, errors = gain(before, before - after)
+    return both if errors > FRICTION.clear and better > FRICTION.enough else levels
+
+
+def _evident(
+    task: TorqueEquations, names: Sequence[str], selection: Selection, weights: Floats | None
+) -> TorqueEquations:
+    """The same with those of these numbers by direction that have evidence."""
     if not names:
         return task
     try:
@@ -588,6 +613,7 @@ def _by_direction(
     except ValueError:
         # Some of them are not separately identifiable, or equations are too few: no evidence.
         return task
+    gear = np.abs(task.logs[0].rig.drive.gear)
     # Of the size of what brakes both ways, or of a joint's errors, where a sensor has an offset.
     sizes = []
     usual = np.maximum(task.usual_speed() * gear, 1e-9)

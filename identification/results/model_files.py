@@ -339,13 +339,14 @@ def write_model(
         that gives the difference. The nearest is meant in standard deviations where they are known,
         otherwise relative.
     friction : bool
-        Of an identification or a torque fit, write its viscous and Coulomb friction, joint side: <dynamics> of
-        URDF, ``damping`` and ``frictionloss`` of MJCF.
+        Of an identification or a torque fit, write its viscous and Coulomb friction, joint side:
+        <dynamics> of URDF, ``damping`` and ``frictionloss`` of MJCF. These files have no friction
+        that saturates, differs by direction or depends on the load.
     motors : bool
-        Of an identification or a torque fit, give MJCF that has none an <actuator> for each joint: a ``motor`` with
-        the drive's gear, whose control is the torque of the motor [N m] within its limit. A
-        ``dcmotor`` needs a resistance, which a drive, whose amplifiers control currents, does not
-        have.
+        Of an identification or a torque fit, give MJCF that has none an <actuator> for each joint:
+        a ``motor`` with the drive's gear, whose control is the torque of the motor [N m] within its
+        limit. A ``dcmotor`` needs a resistance, which a drive, whose amplifiers control currents,
+        does not have.
     overwrite : bool
         Replace an existing target.
 
