@@ -10,6 +10,8 @@ from servos import GAIN, VISCOUS, arm, dynamics, rig
 
 from identification import identify
 from plant import (
+    Elasticity,
+    Encoder,
     Harmonics,
     Held,
     PointToPoint,
@@ -29,13 +31,13 @@ WIDE = Harmonics(
 )  # fmt: skip
 
 
-def held_log(period, every=1, seconds=20.0):
+def held_log(period, every=1, seconds=20.0, true=None):
     """A servo's log whose goals change at every so many rows, with the counts alone."""
     below = rig(period, None)
     times = period * np.arange(round(seconds / period))
     sent = times[::every]
     goals = Held(times=sent, points=below.cell_centre(below.counts(WIDE(sent).q)))
-    log = simulate(arm(), below, SERVO, goals, duration=seconds)
+    log = simulate(arm(), true or below, SERVO, goals, duration=seconds)
     return dataclasses.replace(log, torque=None, current=None, true_q=None, true_qd=None)
 
 
@@ -119,6 +121,28 @@ def test_slow_goals_give_the_friction_of_the_arm(period, every):
     np.testing.assert_allclose(found.rig.drive.coulomb, 0.052, rtol=0.05)
     # The timing of such a log is not told apart from its friction; nothing else is in doubt.
     assert not [text for text in found.warnings if "not separately identifiable" not in text]
+
+
+def test_a_quarter_of_a_degree_of_unstated_play_biases_little():
+    below = rig(0.02, None)
+    gears = Elasticity(stiffness=(500, 500), damping=(1, 1), backlash=np.deg2rad((0.25, 0.25)))
+    worn = dataclasses.replace(
+        below,
+        drive=dataclasses.replace(below.drive, elasticity=gears),
+        encoder=Encoder(resolution=4096, side="link"),
+    )
+    log = held_log(0.02, true=worn)
+    record = Record(
+        t=log.t,
+        reference_pulses=log.reference_pulses,
+        error_pulses=log.error_pulses,
+        rig=below,
+        law=SERVO,
+        reference=log.reference,
+    )
+    found = identify(dynamics(), record, unknown="friction", progress=False)
+    np.testing.assert_allclose(found.rig.drive.viscous, VISCOUS, rtol=0.1)
+    np.testing.assert_allclose(found.rig.drive.coulomb, 0.052, rtol=0.1)
 
 
 def test_held_refuses_another_reference_and_goals_at_rest():
