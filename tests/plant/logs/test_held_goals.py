@@ -37,7 +37,9 @@ def held_log(period, every=1, seconds=20.0, true=None):
     times = period * np.arange(round(seconds / period))
     sent = times[::every]
     goals = Held(times=sent, points=below.cell_centre(below.counts(WIDE(sent).q)))
-    log = simulate(arm(), true or below, SERVO, goals, duration=seconds)
+    # A gear vibrates between samples: a tenth of them is short enough.
+    steps = {"steps_per_sample": 10} if true else {}
+    log = simulate(arm(), true or below, SERVO, goals, duration=seconds, **steps)
     return dataclasses.replace(log, torque=None, current=None, true_q=None, true_qd=None)
 
 
