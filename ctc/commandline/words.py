@@ -18,7 +18,7 @@ _ELSEWHERE = ("prior", "resonance")
 _PHRASES = {
     r'identify\(\.\.\., unknown=\\?"friction\\?"\)': "identify with --unknown friction",
     r"; tolerances=Tolerances\(gear=\.\.\.\) states yours": "",
-    r"identify\(\.\.\., tolerances=Tolerances\(gear=\.\.\.\)\)": "tolerances= of identify in Python",
+    r"State those of your data sheet: identify\(.*?\)\)": "In Python, tolerances= states yours",
     r"identify\(\.\.\., elasticity=True\)": "identify with --elasticity",
     r"held_out=\(\) identifies": "--held-out without a log identifies",
     r"spread of the prior\b": "--prior",

@@ -130,7 +130,7 @@ class Doubt:
         return result
 
     def friction(self, tolerances: Tolerances, unknown: Collection[str]) -> dict[str, float]:
-        """Standard deviations of friction that is not `unknown`, if it were fitted with all else."""
+        """Standard deviations of friction that is not `unknown`, if it were fitted, too."""
         names = [
             name
             for name in self.effects

@@ -130,8 +130,10 @@ def run(name, folder):
         from identification import identify
         from plant import Record, read_robot
 
-        record = Record.from_csv(folder / "log.csv")
-        dynamics = read_robot(folder / "robot.toml").dynamics
+        robot = read_robot(folder / "robot.toml")
+        dynamics = robot.dynamics
+        # With the rig of the robot file, as the command line: the log's own may be of another tree.
+        record = Record.from_csv(folder / "log.csv", rig=robot.rig, law=robot.law)
         with timed() as fit:
             found = identify(dynamics, record, unknown="friction", progress=False)
         with timed() as shown:

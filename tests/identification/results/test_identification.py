@@ -12,8 +12,10 @@ import pytest
 from identification import fit_torque, identify, pulse_budget
 from identification.results import summary
 from identification.results.diagnostics import Diagnostics
+from identification.results.plots import INTERVALS
+from identification.results.seen import drifting
 from identification.search.outcome import Fit, Search
-from plant import Dynamics, puma560, simulate
+from plant import Dynamics, LoggedTorque, puma560, simulate
 
 RIG, LAW, PATH = puma560.rig(), puma560.p_law(), puma560.reference()
 JOINTS = ("shoulder_lift_joint", "elbow_joint")
@@ -147,12 +149,12 @@ def test_figure_of_long_names_is_short_at_its_ticks_and_apart_in_its_texts():
     figure.draw_without_rendering()
     titles = {axis.get_title(loc="left"): axis for axis in figure.axes}
     assert set(renamed().chain.joint_labels) <= set(titles)
-    assert [tick.get_text() for tick in titles["95 % intervals"].get_yticklabels()] == list(
+    assert [tick.get_text() for tick in titles[INTERVALS].get_yticklabels()] == list(
         found().short_names
     )
     texts = [
         *(axis._left_title for axis in titles.values()),
-        *titles["95 % intervals"].get_yticklabels(),
+        *titles[INTERVALS].get_yticklabels(),
     ]
     legends = [axis.get_legend() for axis in figure.axes if axis.get_legend() is not None]
     boxes = [
@@ -177,3 +179,27 @@ def test_a_motor_that_stands_still_is_named_by_its_joint(joint):
     )
     with pytest.raises(ValueError, match=rf"that of {JOINTS[joint]} \(q\[{joint}\]\) moves by 0"):
         identify(renamed(), still, progress=False)
+
+
+def test_of_a_replayed_torque_the_difference_is_called_a_drift():
+    """It grows in open loop by errors that no innovation shows: "two roundings" say nothing."""
+    rig, law, path = puma560.rig(), puma560.p_law(), puma560.reference()
+    record = simulate(puma560.arm(), rig, law, path, duration=1.0)
+    replayed = dataclasses.replace(record, law=LoggedTorque())
+    quick = {"method": "prediction_error", "progress": False}
+    found = identify(puma560.dynamics(), replayed, **quick)
+    assert "LoggedTorque drives the simulated arm in open loop" in " ".join(str(found).split())
+    assert not drifting(identify(puma560.dynamics(), record, **quick))
+
+
+def test_of_several_logs_it_says_that_the_last_is_held_out_and_how_none_is():
+    rig, law, path = puma560.rig(), puma560.p_law(), puma560.reference()
+    records = [
+        simulate(puma560.arm(), rig, law, path.later(start), duration=0.8) for start in (0.0, 1.0)
+    ]
+    quick = {"method": "prediction_error", "progress": False}
+    found = identify(puma560.dynamics(), records, **quick)
+    assert len(found.held_out) == 1
+    assert "by default the last of several logs, held_out=()" in " ".join(str(found).split())
+    every = identify(puma560.dynamics(), records, held_out=(), **quick)
+    assert "held_out=()" not in str(every)

@@ -14,6 +14,7 @@ from ctc import ComputedTorque, evaluate
 from identification import GeneticSettings, Objective, identify
 from identification.equation_error.pulse_fit import equation_error, mode_in, pass_band
 from identification.equation_error.torque_logs import torque_of
+from identification.results.plots import INTERVALS
 from identification.search import methods, polish
 from identification.search.methods import _root
 from plant import (
@@ -260,7 +261,7 @@ def test_plot_draws_errors_innovations_spectrum_and_intervals():
         "innovation: measured minus predicted",
         "joint 3 (q[1])",
         "spectrum",
-        "95 % intervals",
+        INTERVALS,
     ]
     matplotlib.pyplot.close(axes[0].figure)
 
