@@ -75,7 +75,8 @@ def records_of(
     # Without a robot file each log must hold its own rig.
     options: dict[str, Any] = {}
     if robot is not None:
-        options = {name: getattr(robot, name) for name in ("rig", "law", "columns", "units")}
+        names = ("rig", "law", "columns", "units", "torque_delay")
+        options = {name: getattr(robot, name) for name in names}
     records = read_records(paths, **options)
     return records if cut is None else tuple(record.cut(*cut) for record in records)
 

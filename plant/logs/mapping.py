@@ -23,7 +23,7 @@ from plant.logs.units import (
 )
 from plant.machine.rig import Rig
 from plant.motion.reference import Reference
-from plant.parts.arguments import choice, instance, real
+from plant.parts.arguments import choice, instance, real, whole
 from plant.parts.fields import Floats
 from plant.parts.messages import warn
 from plant.parts.settings import frozen_settings
@@ -114,6 +114,7 @@ def record_fields(
     wrap: ArrayLike | None,
     reference: Reference | None,
     held: bool = False,
+    torque_delay: int = 0,
 ) -> dict[str, Any]:
     """Fields of a record from a table; see `Record.from_table`."""
     names = mapped_names(columns, units)
@@ -131,6 +132,7 @@ def record_fields(
     # Notes leave the values here, so that their missing cells take no weight from a row.
     notes = {field: float(of(values.pop(field))) for field, of in _NOTED.items() if field in values}
     values, t = _in_time(values, stated, rig)
+    values |= _without_torque_delay(values, torque_delay)
     # The rows that really hold a command must be found before `_held` fills the gaps.
     path_field = next((name for name in _PATH_FIELDS if name in values), None)
     logged = None if path_field is None else ~np.isnan(values[path_field]).any(axis=1)
@@ -177,6 +179,26 @@ def record_fields(
             " reference=."
         )
     return fields
+
+
+def _without_torque_delay(values, samples):
+    """Torques and currents (N, n) at the rows whose counts they acted on.
+
+    The rows at the end that have none become NaN, and lose their weight.
+    """
+    fields = [name for name in ("torque", "current") if name in values]
+    whole("torque_delay", samples, "Give the samples by which the column is late.", least=0)
+    if samples and not fields:
+        raise ValueError(
+            f"torque_delay must be that of a torque or a current; got {samples} and no such column."
+            " Map it, or leave torque_delay out."
+        )
+    if not samples:
+        return {}
+    return {
+        name: np.concatenate([values[name][samples:], np.full_like(values[name][:samples], np.nan)])
+        for name in fields
+    }
 
 
 def _names(value):

@@ -80,6 +80,7 @@ class FromFiles:
         wrap: ArrayLike | None = None,
         prefix: str = "",
         held: bool = False,
+        torque_delay: int = 0,
     ) -> Self:
         """Read what `to_csv` wrote, a plain CSV of t [s], n reference and n error columns [pulses],
         or a log of others.
@@ -98,6 +99,9 @@ class FromFiles:
         held : bool
             The commanded counts are goals that a servo held until the next row, not points of a
             path: the reference becomes `Held`.
+        torque_delay : int
+            Rows by which mapped columns of torque and current are late, as drives export them: 1
+            where the torque of a sample stands in the next row.
 
         Raises
         ------
@@ -112,15 +116,16 @@ class FromFiles:
                 "wrap": wrap,
                 "prefix": prefix,
                 "held": held,
+                "torque_delay": torque_delay,
             }
             return cls._read(
                 "csv", path, None, rig=rig, law=law, reference=reference, initial=initial, **log
             )
         # These would be ignored without a word, since the formats of the library have fixed units.
-        if units is not None or wrap is not None or prefix:
+        if units is not None or wrap is not None or prefix or torque_delay:
             raise ValueError(
-                "units, wrap and prefix are for mapped columns; got no mapping. Pass columns= as"
-                " well."
+                "units, wrap, prefix and torque_delay are for mapped columns; got no mapping. Pass"
+                " columns= as well."
             )
         # Refusals of `Record` belong to the file as well, so it is made inside.
         with load_errors(path):
@@ -144,6 +149,7 @@ class FromFiles:
         reference: Reference | None = None,
         initial: ArrayLike | None = None,
         held: bool = False,
+        torque_delay: int = 0,
     ) -> Self: ...
 
     @overload
@@ -162,6 +168,7 @@ class FromFiles:
         reference: Reference | None = None,
         initial: ArrayLike | None = None,
         held: bool = False,
+        torque_delay: int = 0,
     ) -> "Self | LogContents": ...
 
     @classmethod
@@ -180,6 +187,7 @@ class FromFiles:
         reference: Reference | None = None,
         initial: ArrayLike | None = None,
         held: bool = False,
+        torque_delay: int = 0,
     ) -> "Self | LogContents":
         """Read mapped columns of a log in any format that `read_table` knows by its ending, or a
         folder's contents.
@@ -192,7 +200,7 @@ class FromFiles:
         ----------
         path, prefix, episode
             As in `read_table`.
-        rig, columns, units, wrap, law, reference, initial, held
+        rig, columns, units, wrap, law, reference, initial, held, torque_delay
             As in `from_table`. Of a LeRobot data set map ``action`` to ``reference_position`` and
             ``observation.state`` to ``position``, with ``held=True``.
 
@@ -221,6 +229,7 @@ class FromFiles:
             "wrap": wrap,
             "prefix": prefix,
             "held": held,
+            "torque_delay": torque_delay,
         }
         return cls._read(
             kind, path, episode, rig=rig, law=law, reference=reference, initial=initial, **log
@@ -255,6 +264,7 @@ class FromFiles:
         initial: ArrayLike | None = None,
         name: str = "",
         held: bool = False,
+        torque_delay: int = 0,
     ) -> Self:
         """Make a record of named columns, such as `read_table` reads or several files give
         together.
@@ -286,6 +296,8 @@ class FromFiles:
             What messages call the record.
         held : bool
             As in `from_csv`: commanded positions are goals, and none become a path.
+        torque_delay : int
+            As in `from_csv`.
 
         Notes
         -----
@@ -313,7 +325,14 @@ class FromFiles:
         }
         # Fields of the table take precedence: a path in it becomes the reference.
         fields = record_fields(
-            table, rig=rig, columns=columns, units=units, wrap=wrap, reference=reference, held=held
+            table,
+            rig=rig,
+            columns=columns,
+            units=units,
+            wrap=wrap,
+            reference=reference,
+            held=held,
+            torque_delay=torque_delay,
         )
         record = cls(
             **arguments | {key: value for key, value in fields.items() if value is not None}

@@ -32,6 +32,7 @@ def read_records(
     initial: ArrayLike | None = None,
     episodes: Iterable[int] | None = None,
     notes: str | Mapping[str, Any] | None = None,
+    torque_delay: int = 0,
 ) -> tuple[Record, ...]:
     """Read several logs of one machine, of any format that `read_table` knows, each as a record.
 
@@ -45,7 +46,7 @@ def read_records(
     notes : str or dict, optional
         What is noted of each record, beside what its file says: a pattern of file names such as
         ``"{robot}/{time}_{temperature}C"``, or names and values for all.
-    rig, columns, units, wrap, prefix, law, reference, initial
+    rig, columns, units, wrap, prefix, law, reference, initial, torque_delay
         As in `Record.from_csv`, the same for all. Without `columns` the files are those of
         `Record.to_csv`.
 
@@ -81,6 +82,7 @@ def read_records(
             " 'runs/*.csv'."
         )
     log: dict[str, Any] = {"rig": rig, "law": law, "reference": reference, "initial": initial}
+    log["torque_delay"] = torque_delay
     # Without a mapping the files are those of `to_csv`.
     if columns is None:
         read = (

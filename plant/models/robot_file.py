@@ -15,7 +15,7 @@ from plant.mechanics.dynamics import Dynamics
 from plant.models.arm_table import arm_table, chain_of, dynamics_of, model_beside
 from plant.models.new_robot import drive_table, per_joint_table, require_complete
 from plant.models.tables import class_of, part_of, table_of, toml_lines, unit_of
-from plant.parts.arguments import choice, instance, known_options
+from plant.parts.arguments import choice, instance, known_options, whole
 from plant.parts.files import require_new, write_whole
 from plant.parts.frozen import Frozen, frozen
 from plant.parts.part import Part
@@ -23,7 +23,7 @@ from plant.parts.part import Part
 # Bytes of a robot file: a larger file is none, and is refused before it is read.
 _LARGEST = 5_000_000
 
-_KEYS = ("name", "arm", "rig", "drive", "encoder", "law", "uncertainty", "columns", "units")
+_KEYS = ("name", "arm", "rig", "drive", "encoder", "law", "uncertainty", "columns", "units", "log")
 # The part in [uncertainty]: a package above this one defines it, so a file has its name only.
 _UNCERTAINTY = "ctc.Uncertainty"
 
@@ -48,6 +48,9 @@ class Robot(Frozen):
         Uncertainty of arm and rig, a `ctc.Uncertainty`.
     columns, units : dict, optional
         The columns of a log and their units, as for `Record.from_csv`.
+    torque_delay : int
+        Rows by which the columns of torque and current are late, as for `Record.from_csv`; in the
+        file, ``torque_delay`` of the table ``[log]``.
     name : str
     model : Path, optional
         The URDF or MJCF file that the arm was read from, for `write_model`; it does not count in a
@@ -72,6 +75,7 @@ class Robot(Frozen):
     uncertainty: Part | None = None
     columns: dict[str, Any] | None = None
     units: dict[str, Any] | None = None
+    torque_delay: int = 0
     name: str = ""
     model: Path | None = field(default=None, compare=False)
 
@@ -211,8 +215,18 @@ def _robot(data: dict[str, Any], folder: Path) -> Robot:
         uncertainty=uncertainty,
         columns=data.get("columns"),
         units=data.get("units"),
+        torque_delay=_of_log(data.get("log", {})),
         model=model_beside(data["arm"], folder),
     )
+
+
+def _of_log(table: Any) -> int:
+    """The delay of the torque columns that the table [log] states."""
+    instance("log", table, dict, "Write [log] above torque_delay = 1.")
+    for key in table:
+        choice("key of [log]", key, ("torque_delay",))
+    delay = table.get("torque_delay", 0)
+    return whole("torque_delay", delay, "Give the samples by which it is late.", least=0)
 
 
 @known_options
@@ -276,6 +290,8 @@ def _lines(robot: Robot) -> Iterator[str]:
         tables["columns"] = robot.columns
     if robot.units is not None:
         tables["units"] = robot.units
+    if robot.torque_delay:
+        tables["log"] = {"torque_delay": robot.torque_delay}
 
     # 2. Their text, with the unit behind each number of a part.
     def comment(path: tuple[str, ...], key: str) -> str:
