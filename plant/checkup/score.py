@@ -68,7 +68,8 @@ class ScoreSettings:
         Window [s] over which the terms of a motion that no loop holds are averaged: much of a
         swing. Real pendulums turn at 1 to 2 Hz.
     windows : int
-        Windows of that kind that a log has at least; they are shorter in a short one.
+        Windows of that kind that a log has beyond the unknown coefficients, at least; they are
+        shorter in a short one.
     segments : int
         Segments of a log, each left out once by the jackknife of the regression.
     """
@@ -97,7 +98,7 @@ class ScoreSettings:
     beyond_spread: float = 0.02
     slow: float = 0.05
     average: float = 0.25
-    windows: int = 20
+    windows: int = 2
     segments: int = 10
 
 
@@ -148,15 +149,15 @@ class Filter:
         direction = self._at_rows(np.sign(rate)) @ self.kernels[:, 0]
         return Filtered(value, speed, acceleration, direction)
 
-    def average(self, table: Floats) -> Floats:
+    def average(self, table: Floats, windows: int) -> Floats:
         """Average a table (M, k) of the compared rows over `SETTINGS.average` seconds.
 
         A motion that no loop holds has large accelerations and small torques: noise of the one
         hides the other, and averages out.
         """
         rows = SETTINGS.average / (self.interval * self.stride)
-        # A short log is averaged over less.
-        rows = min(rows, len(table) / SETTINGS.windows)
+        # A short log is averaged over less, so that it has so many windows.
+        rows = min(rows, len(table) / windows)
         kernel = np.hanning(2 * int(rows / 2) + 3)[1:-1]
         return np.column_stack(
             [np.convolve(column, kernel / kernel.sum(), mode="valid") for column in table.T]
@@ -368,8 +369,14 @@ class Experiment:
         shared = np.column_stack(
             [np.ones(len(angle)), *gravity, *self._coupling(angle, speed, acceleration)]
         )
-        closed = signals.reference is not None
-        average = (lambda table: table) if closed else self.filter.average
+        # Windows exceed the unknown coefficients: acceleration, friction, and those of `shared`.
+        windows = SETTINGS.windows + self.n + 2 + shared.shape[1]
+
+        def average(table):
+            if signals.reference is not None:
+                return table
+            return self.filter.average(table, windows)
+
         torques = [self.filtered("torque", self.torque, i) for i in range(self.n)]
         return [
             Equation(

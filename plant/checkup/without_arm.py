@@ -347,7 +347,7 @@ def _stated() -> Iterator[Hypothesis[Any]]:
             sentence=f"{title} is not the rig's, but {{value:.2g}} times the stated one",
             remedy="Correct that if it was a guess.",
             undo=other_friction(name),
-            measurement="Move at constant speeds: friction is the torque that changes with the speed alone.",
+            measurement="Move at constant speeds: friction changes with the speed alone.",
             scope=each_joint,
             suggested=friction_ratios(name),
             tolerance=1.0,

@@ -626,7 +626,7 @@ OPEN_LOOP = {
         "joint q[1]",
     ),
     "motor torques swapped": (motor_torques_swapped, "swapped torques", 1, "joint q[0]"),
-    "torque turned": (lambda r: turned(r, 0), "drive sign", 0, "change the sign"),
+    "torque turned": (lambda r: turned(r, 0), "drive sign", 0, "Change the sign"),
     "mN m": (lambda r: replace(r, torque=1e3 * r.torque), "units of torque", 1, "mN m"),
     "torque of the motor": (
         lambda r: replace(r, torque=np.abs(r.rig.drive.gear) ** -1 * r.torque),
@@ -856,8 +856,8 @@ REAL = {
         0,
         "joint q[1]",
     ),
-    "torque 0 turned": (lambda r: turned(r, 0), "drive sign", 0, "change the sign"),
-    "torque 1 turned": (lambda r: turned(r, 1), "drive sign", 1, "change the sign"),
+    "torque 0 turned": (lambda r: turned(r, 0), "drive sign", 0, "Change the sign"),
+    "torque 1 turned": (lambda r: turned(r, 1), "drive sign", 1, "Change the sign"),
     "mN m": (lambda r: replace(r, torque=1e3 * r.torque), "units of torque", 0, "mN m"),
     "torque of the motor": (
         lambda r: replace(r, torque=r.torque / 6),
