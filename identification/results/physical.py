@@ -1,8 +1,8 @@
 """Physical consistency: the arm nearest to an identified one that consists of possible bodies.
 
 The nearest f in the metric of the identified covariance follows from point masses within boxes
-(`identification.equation_error.possible_bodies`). Dependencies that the lumping ignores (f3 = a f5 of the
-paper) hold for the result, as for any bodies.
+(`identification.equation_error.possible_bodies`). Dependencies that the lumping ignores (f3 = a f5
+of the paper) hold for the result, as for any bodies.
 
 Source: C. L. Lawson, R. J. Hanson, Solving Least Squares Problems, Prentice Hall 1974 (non-negative
 least squares); P. M. Wensing, S. Kim, J.-J. E. Slotine, Linear matrix inequalities for physically

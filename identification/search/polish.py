@@ -150,7 +150,7 @@ def torque_fit(problem: Problem) -> TorqueFit:
 
 
 def excess_of_torque(problem: Problem, values: Floats, least: Floats) -> float:
-    """Error of the logged torques under values (k,) of the unknowns, over that of the least (k,)."""
+    """Error of the logged torques under values (k,), over that under those of least squares (k,)."""
     ours, theirs = (
         torque_error(*problem.parts(vector)[:2], problem.records).total
         for vector in (values, least)
