@@ -112,7 +112,7 @@ def _new_axes(n, values, meaning):
 
 
 # Title of a panel of intervals, with the meaning of its dashed line.
-INTERVALS = "95 % intervals; right of the dashed line (100 % of the value) its sign is unknown"
+INTERVALS = "95 % intervals; sign unknown beyond 100 % (dashed)"
 
 
 def interval_height(values: int) -> float:
