@@ -165,7 +165,14 @@ def _fit(identification: Any) -> str:
     scale = drifting(identification) or "two roundings alone give 0.58"
     summary = f"Errors measured and simulated with these values differ by {amount}; {scale}."
 
-    # 2. The curves behind it.
+    # 2. The torque, joint by joint, of the logs that have one: the same metric for every fit.
+    torques = []
+    for use, name, record in _named(identification):
+        if record.torque is not None or record.current is not None:
+            error = identification.error_on(record)
+            torques.append(f"<h3>{text(f'{name}, {use}')}</h3>{body(error)}")
+
+    # 3. The curves behind it.
     caption = (
         "Tracking error of the first record, all of it and a segment; innovations, the counts less"
         " their prediction from one sample to the next; spectrum of both; half-widths of the 95 %"
@@ -174,6 +181,7 @@ def _fit(identification: Any) -> str:
     return section(
         "Fit",
         f"<p>{text(f'{summary} {held_out} {identification.message}')}</p>",
+        *torques,
         figure(identification.plot(), "fit", caption),
     )
 

@@ -1,5 +1,6 @@
 """`fit_torque`: f and linear numbers of the drive from logged positions and torques."""
 
+import contextlib
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple, Self
@@ -36,6 +37,7 @@ from identification.equation_error.regressor import (
     regressor_and_torque,
 )
 from identification.equation_error.restated import of_log
+from identification.equation_error.torque_error import error_of_logs
 from identification.equation_error.torque_fit import TorqueFit, weighted
 from identification.equation_error.torque_logs import TorqueLog, dead_columns, thinned, torque_logs
 from plant import Dynamics, FrictionCurve, Record, Rig
@@ -512,10 +514,17 @@ def fit_torque(
             # Torques are biased in bands with fast motion, which no deviation covers.
             rough=True,
         )
+        machine = log.rig.filled({**fit.known, **dict(zip(fit.names, fit.values, strict=True))})
+        error = None
+        # A log may be too short for the band that all errors are compared in.
+        with contextlib.suppress(ValueError):
+            extra_values = {name: (column, fit[name]) for name, column in task.extra.items()}
+            error = error_of_logs(fit.arm, machine, task.logs, extra=extra_values)
         return replace(
             fit,
             path=log.path,
-            rig=log.rig.filled({**fit.known, **dict(zip(fit.names, fit.values, strict=True))}),
+            rig=machine,
+            error=error,
             friction=friction,
             causes=of_log(dynamics, log, width),
             doubts=tuple(arm.doubts()),

@@ -6,7 +6,7 @@ could not be compared in those. Near standstill friction carries anything up to 
 no model of the arm explains the torque there.
 """
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -22,6 +22,9 @@ from plant.parts.sums import norm
 # Band [Hz] where none is stated, or less where the sample rate carries less: joints move slower,
 # and what is faster is vibration. The same for all fits.
 BAND = 10.0
+
+# Further columns, and their values.
+Extra = Mapping[str, tuple[Callable[..., ArrayLike], float]]
 
 
 @frozen
@@ -78,7 +81,7 @@ def torque_error(
     torque: Any = None,
     stated: Rig | None = None,
     band: float | None = None,
-    extra: Mapping[str, tuple[Callable[..., ArrayLike], float]] | None = None,
+    extra: Extra | None = None,
     least_speed: ArrayLike = 0.0,
 ) -> TorqueError:
     """Error of the torque of an arm with the friction and the springs of this rig.
@@ -88,6 +91,18 @@ def torque_error(
     per joint [rad/s].
     """
     logs = torque_logs(arm.dynamics, q, torque, stated)
+    return error_of_logs(arm, rig, logs, band, extra or {}, least_speed)
+
+
+def error_of_logs(
+    arm: Arm,
+    rig: Rig,
+    logs: Sequence[TorqueLog],
+    band: float | None = None,
+    extra: Extra | None = None,
+    least_speed: ArrayLike = 0.0,
+) -> TorqueError:
+    """The same of logs."""
     most = min(BAND_MOST / log.rig.period for log in logs)
     band = min(BAND, most) if band is None else real("band", band, "Give Hz.", positive=True)
     if band > most:

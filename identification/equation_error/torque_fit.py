@@ -146,6 +146,8 @@ class TorqueFit(Shown, Frozen):
         Further columns, as they were given.
     path : Reference or None
         Of the first log.
+    error : TorqueError or None
+        On the fit's own logs, as `error_on` has it on others; None where they are too short.
     """
 
     dynamics: Dynamics
@@ -173,6 +175,7 @@ class TorqueFit(Shown, Frozen):
     free: Mapping[str, float] = field(default_factory=dict)
     rig: Rig | Any = None
     path: Reference | None = None
+    error: TorqueError | None = None
     extra: Mapping[str, Callable[..., ArrayLike]] = field(default_factory=dict)
 
     @property
@@ -269,6 +272,8 @@ class TorqueFit(Shown, Frozen):
         if self.friction and not self.friction[0].clear:
             yield f"of other friction, the nearest to help is {self.friction[0]}"
         yield from [ONE_LOG] if self.between is None else inside(self.between)
+        if self.error is not None:
+            yield from inside(self.error)
         yield Aside("What the parameters mean", self.dynamics.legend.splitlines())
 
     @property

@@ -83,6 +83,13 @@ def test_one_metric_for_every_fit():
     assert found.error_on(record, band=5.0).band == 5.0
 
 
+def test_the_fit_prints_the_error_of_its_own_logs(made, fit):
+    _, rig, _, motion, torque = made
+    own = fit.error_on(motion.q, torque + rig.drive.friction(motion.qd), rig=rig)
+    assert fit.error.total == own.total
+    assert f"{fit.error.total:.2%} of the torque" in " ".join(str(fit).split())
+
+
 def test_bad_input_is_refused(made, fit):
     _, rig, _, motion, torque = made
     with pytest.raises(ValueError, match="band must be at most 160 Hz"):
