@@ -269,6 +269,9 @@ def polished(
     )
     solution = reweighed(prediction, solution, steps, bounds)
 
+    if gains is not None:
+        solution = from_inside(prediction, solution, steps, bounds, gains)
+
     # 3. Subtract the bias by rounding, where the loop of a log felt it.
     rounding = None
     if prediction.rounds:
@@ -300,6 +303,34 @@ def polished(
         outcome = _with_torque_noise(outcome, problem, prediction, solution)
     grouped = _grouped(prediction, solution, k) if any(map(is_long, problem.records)) else None
     return replace(outcome, rounding=rounding, grouped=grouped)
+
+
+def from_inside(
+    prediction: Any, solution: Solution, steps: Floats, bounds: Floats, gains: slice
+) -> Solution:
+    """A solution whose covariance comes from observer gains (2n,) that are inside their bounds.
+
+    A joint whose gains end at their lower bounds is followed in open loop: its innovations are one
+    long error, and count as thousands of readings that agree.
+    """
+    ended = solution.values[gains] <= bounds[gains, 0]
+    if not (ended & (steps[gains] > 0)).any():
+        return solution
+    joints = len(ended) // 2
+    position = FIT.staged_gains[-1]
+    inside = np.repeat([position, FIT.critical * position**2], joints)
+    values = solution.values.copy()
+    # Both gains of such a joint, since one alone corrects nothing.
+    ended = np.tile(ended.reshape(2, joints).any(axis=0), 2)
+    values[gains] = np.where(ended, np.fmax(inside, values[gains]), values[gains])
+    fixed = steps.copy()
+    fixed[gains] = 0
+    try:
+        # No search: the slopes and the innovations at these values alone.
+        wider = gauss_newton(prediction, values, fixed, bounds, rounds=0)
+    except ValueError:  # with these gains unknowns are not separately identifiable
+        return solution
+    return replace(solution, covariance=wider.covariance)
 
 
 def _with_torque_noise(outcome, problem, prediction, solution):
