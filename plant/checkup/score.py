@@ -64,6 +64,9 @@ class ScoreSettings:
         Share of the amplifier's limit that a torque may reach, and its relative standard deviation.
     slow : float
         Share of the RMS speed below which a joint may stick, so that its friction is unknown.
+    swinging : float
+        Share of a torque that the motion leaves unexplained where an arm swings freely: twice
+        differentiated counts are noise beside its torque.
     average : float
         Window [s] over which the terms of a motion that no loop holds are averaged: much of a
         swing. Real pendulums turn at 1 to 2 Hz.
@@ -97,6 +100,7 @@ class ScoreSettings:
     beyond: float = 1.02
     beyond_spread: float = 0.02
     slow: float = 0.05
+    swinging: float = 0.05
     average: float = 0.25
     windows: int = 2
     segments: int = 10
@@ -349,6 +353,21 @@ class Experiment:
         ]
 
     @functools.cached_property
+    def swings(self) -> bool:
+        """Whether no loop holds the motion, and the torque is small beside noise of accelerations.
+
+        All changes of a log have the same answer, so that their scores compare.
+        """
+        if self.base is not None:
+            return self.base.swings
+        if self.signals.reference is not None:
+            return False
+        held = Experiment(self.record)
+        held.swings = False
+        motions = held.motions or ()
+        return any(motion.unexplained > SETTINGS.swinging for motion in motions)
+
+    @functools.cached_property
     def equations_of_motion(self) -> list[Equation] | None:
         """Columns of each motor's equation of motion; None without a torque, or without rows."""
         if self.torque is None or not len(self.filter.rows):
@@ -373,9 +392,7 @@ class Experiment:
         windows = SETTINGS.windows + self.n + 2 + shared.shape[1]
 
         def average(table):
-            if signals.reference is not None:
-                return table
-            return self.filter.average(table, windows)
+            return self.filter.average(table, windows) if self.swings else table
 
         torques = [self.filtered("torque", self.torque, i) for i in range(self.n)]
         return [
