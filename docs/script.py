@@ -148,17 +148,19 @@ def committed(page, executed):
 
 
 def outline(notebook):
-    """Cells of a notebook and the kinds of their outputs, without numbers and pictures."""
-    return [
-        (
-            "".join(cell["source"]),
-            [
-                (output["output_type"], sorted(output.get("data", ())))
-                for output in cell.get("outputs", ())
-            ],
-        )
-        for cell in notebook["cells"]
-    ]
+    """Cells of a notebook and the kinds of their outputs, without numbers and pictures.
+
+    Streams that follow each other are one: how they are cut depends on the time of printing.
+    """
+    rows = []
+    for cell in notebook["cells"]:
+        kinds = []
+        for output in cell.get("outputs", ()):
+            kind = output["output_type"], sorted(output.get("data", ()))
+            if kind[0] != "stream" or not kinds or kinds[-1] != kind:
+                kinds.append(kind)
+        rows.append(("".join(cell["source"]), kinds))
+    return rows
 
 
 def main():
