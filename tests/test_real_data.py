@@ -9,7 +9,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from identification import fit_torque, identify
 from plant import replay
+from plant.machine.motor_inertia import least_inertia_margin
 
 DATA = os.environ.get("CTC_DATA")
 EXAMPLES = Path(__file__).parent.parent / "examples"
@@ -41,6 +43,39 @@ def test_tx40_fit_is_the_published_one():
     assert (off <= 1).sum() >= 55
     assert off.max() <= 3
     assert found.relative_error <= 0.054
+
+
+@pytest.fixture
+def public_logs(monkeypatch):
+    monkeypatch.syspath_prepend(str(EXAMPLES.parent / "tests" / "benchmarks"))
+    return importlib.import_module("public_logs")
+
+
+@pytest.mark.filterwarnings("ignore::UserWarning")  # of what the file and the fit leave open
+def test_a_slide_is_simulated_from_its_force_on_a_file_that_was_not_fitted(public_logs):
+    """4.87 mm; 168 without friction that differs by direction. Published: 95.1 kg."""
+    log = public_logs.emps(folder("emps").parent)
+    found = identify(log.dynamics, log.fitted, method="output_error", progress=False)
+    assert "drive.curve.viscous_offset[0]" in found.fit.unknown
+    again = replay(found.arm, log.kept[0], rig=found.rig)
+    off = found.rig.to_angle(again.counts - log.kept[0].counts)
+    assert np.sqrt(np.mean(off**2)) < 5.5e-3
+    assert found.f[0] == pytest.approx(95.1, rel=0.04)
+    # The force itself: published 5.98 % on this file.
+    assert fit_torque(log.dynamics, log.fitted).error_on(log.kept).total < 0.035
+
+
+@pytest.mark.filterwarnings("ignore::UserWarning")
+def test_a_slow_log_of_seven_joints_gives_an_arm(public_logs):
+    """At 30 Hz no prediction follows it; least squares alone have a D(q) that is not positive."""
+    try:
+        log = public_logs.panda(folder("ur10_panda_bags").parent)
+    except (FileNotFoundError, SystemExit) as missing:
+        pytest.skip(f"no model of the Panda: {missing}")
+    found = identify(log.dynamics, log.fitted, held_out=(), progress=False)
+    assert "bodies that can be" in found.fit.fallback_reason
+    assert found.error_on(log.kept).total < 0.025
+    assert least_inertia_margin(log.dynamics, found.rig, found.f[None])[0] > 0
 
 
 PENDULUM = "8_real_double_pendulum"

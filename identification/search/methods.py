@@ -138,7 +138,6 @@ def _followed(problem, *, simulated=False):
     Logged torques that no arm follows by prediction still give one by the torque equation.
     """
     problem = with_starts(problem)
-    reason: ValueError
     try:
         values, step = start_of_fit(problem, torque_fit(problem))
         # Stages are part of the result, so that a user can compare them.
