@@ -464,13 +464,16 @@ HYPOTHESES = (
 _ALWAYS = ("gravity direction", "joint sign", "sign of the torques", "torques without friction")
 
 
-def contradictions(equation: TorqueEquation | None) -> tuple[Cause, ...]:
+def contradictions(
+    equation: TorqueEquation | None,
+    hypotheses: tuple[Hypothesis[TorqueEquation], ...] = HYPOTHESES,
+) -> tuple[Cause, ...]:
     """The causes, the likeliest first, with the shares of the torques that are left."""
     if equation is None:
         return ()
     result = ranking(
         equation,
-        _candidates,
+        functools.partial(_candidates, hypotheses=hypotheses),
         tuple(equation.dynamics.chain.joint_labels),
         # Of two mistakes at once the second is found beside the first.
         SelectionSettings(causes=2),
@@ -489,10 +492,12 @@ def contradictions(equation: TorqueEquation | None) -> tuple[Cause, ...]:
     )
 
 
-def _candidates(equation: TorqueEquation) -> Iterator[Candidate]:
+def _candidates(
+    equation: TorqueEquation, hypotheses: tuple[Hypothesis[TorqueEquation], ...] = HYPOTHESES
+) -> Iterator[Candidate]:
     """Every restatement of an equation, with its log odds."""
     n = equation.dynamics.n
-    for hypothesis in HYPOTHESES:
+    for hypothesis in hypotheses:
         if hypothesis.name not in _ALWAYS and not equation.left > SETTINGS.suspected:
             continue
         # Of a single joint, f of any value takes a turn over.

@@ -89,12 +89,22 @@ class Optimum:
         So what is not rounding counts for a limited number of independent errors, however many
         samples a log has.
         """
+        return self.unit(residual) + self.beyond_rounding(residual) / TRIALS.independent
+
+    def beyond_rounding(self, residual: Floats) -> float:
+        """Sum of the squares of a residual (M,) that is not rounding [pulses^2]."""
         rounding = 0.0
         if not self.model.records[0].rig.encoder.smooth:
             variance = 1 / 12  # of a count, uniform within one pulse [pulses^2]
             rounding = variance * float((self.model.weights**2).sum())
-        beyond = max(0.0, float((residual**2).sum()) - rounding)
-        return self.unit(residual) + beyond / TRIALS.independent
+        return max(0.0, float((residual**2).sum()) - rounding)
+
+    @property
+    def clean(self) -> bool:
+        """Whether the innovations are as small as chance makes those of a right model."""
+        # The square of a number that is uniform within one pulse has a variance of 1 / 180.
+        deviation = np.sqrt((self.model.weights**4).sum() / 180)
+        return self.beyond_rounding(self.innovations) < TRIALS.deviations * deviation
 
     def chi_square(self, residual: Floats) -> float:
         """Decrease of the sum of squares from here to another residual (M,), in its unit."""
@@ -133,11 +143,18 @@ class _Solver:
 
 
 def fitted(
-    model: Extended, values: Floats, step: Floats, bounds: Floats, near: Optimum | None = None
+    model: Extended,
+    values: Floats,
+    step: Floats,
+    bounds: Floats,
+    near: Optimum | None = None,
+    *,
+    once: bool = False,
 ) -> Optimum:
     """Gauss-Newton from values (k,), with steps (k,) of the central differences.
 
-    A step of zero leaves an unknown as it is.
+    A step of zero leaves an unknown as it is. `once`: rates are taken at the beginning alone, which
+    is near the optimum; they are the costly part of a fit.
 
     Near another optimum, whose varied unknowns are the first of these, its rates are taken as they
     are; those of the others are made once.
@@ -162,6 +179,8 @@ def fitted(
         # Slopes of unknowns that both have are not simulated again: they are the costly part of a
         # fit.
         point.slopes = np.vstack([near.rates, additional.T]).T
+    elif once:
+        point.slopes = slopes(model, values, step, varied, None, bounds)
     descend(
         model,
         point,
@@ -171,7 +190,7 @@ def fitted(
         _SETTINGS,
         # Optima are compared by their rates: one step of an unknown means the same at each.
         shorten_jumps=False,
-        fixed_slopes=near is not None,
+        fixed_slopes=near is not None or once,
     )
 
     # An unknown on its bound that would leave it does nothing: its direction is taken out.
@@ -218,6 +237,8 @@ class TrialSettings:
         Trials that are simulated together.
     independent : float
         Independent errors that a model has along a log, at most.
+    deviations : float
+        Standard deviations of the sum of squares within which innovations are rounding alone.
     """
 
     resonances: tuple[float, float] = (15.0, 250.0)
@@ -227,6 +248,7 @@ class TrialSettings:
     contact: float = 300.0
     at_once: int = 16
     independent: float = 3000.0
+    deviations: float = 4.0
 
 
 TRIALS = TrialSettings()

@@ -291,6 +291,11 @@ class Sign(Shown, Frozen):
         """Whether the odds are for it."""
         return self.log_odds > 0
 
+    @property
+    def suspicious(self) -> bool:
+        """Whether it is a third of what is significant."""
+        return self.chi_square > self.threshold / 3
+
     def _short(self) -> str:
         return (
             f"{self.name}, chi-square {self.chi_square:.0f} of {self.freedom}, even odds at"
@@ -433,11 +438,13 @@ def elastic(hypothesis: ArmHypothesis, point: Point) -> Iterator[Sign]:
     # A resonance above half of the sampling rate would not show, whatever the innovations are.
     smallest = (2 * max(record.rig.period for record in at.model.records)) ** 2
     for sign in linear(hypothesis, point):
-        # Far from rigid, the effect of a spring is not that of the linear estimate.
-        best = max(compliance(at), key=lambda trial: trial.chi_square)
         visible = {name: max(value, smallest) for name, value in sign.visible.items()}
         sign = replace(sign, visible=visible)
-        if best.chi_square < sign.chi_square:
+        # Far from rigid, the effect of a spring is not that of the linear estimate. But springs of
+        # which neither that nor the size of the innovations shows anything are not there.
+        trials = [] if at.clean and not sign.suspicious else compliance(at)
+        best = max(trials, key=lambda trial: trial.chi_square, default=None)
+        if best is None or best.chi_square < sign.chi_square:
             yield sign
         else:
             yield replace(

@@ -108,7 +108,7 @@ def tested(point: Point) -> list[Sign]:
         if hypothesis.timing and rounded:
             continue
         # Lengths come last: f takes them over almost completely.
-        if hypothesis.suspected and not any(3 * sign.chi_square > sign.threshold for sign in signs):
+        if hypothesis.suspected and not any(sign.suspicious for sign in signs):
             continue
         signs += (hypothesis.test or linear)(hypothesis, point)
     return signs
@@ -129,7 +129,7 @@ class _Accepted:
             return replace(self.point, causes=(*self.point.causes, self.sign))
         model, values, step = self.fit
         # Trial fits use sensitivities of the previous optimum; this one takes its own.
-        optimum = fitted(model, values, step, self.point.bounds)
+        optimum = fitted(model, values, step, self.point.bounds, once=True)
         hypothesis = BY_NAME[self.sign.name]
         adopted = compared(hypothesis, self.point, self.sign, optimum, step)
         return self.search.point_at(
@@ -184,7 +184,8 @@ class _Search:
             begin = nearest(model, [np.concatenate([values[keep], gain, extra]) for gain in gains])
         else:
             begin = start.values
-        optimum = fitted(model, begin, step, bounds, start)
+        at_optimum = fit.covariance is not None
+        optimum = fitted(model, begin, step, bounds, start, once=at_optimum)
         # The weight of the prior depends on the variance of the innovations.
         if model.prior.settle(optimum.unit(optimum.innovations)):
             optimum = fitted(model, optimum.values, step, bounds)

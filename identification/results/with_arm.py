@@ -277,6 +277,8 @@ HYPOTHESES = (
         signed=True,
         refit=pushed,
         spread=0.3,
+        # What coarse steps of a hunting loop leave looks like it.
+        against=10.0,
     ),
     # Not fitted: of wide backlash only the instants are known at which it acts.
     ArmHypothesis(

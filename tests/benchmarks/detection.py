@@ -20,7 +20,16 @@ from identification import identify
 from identification.results import diagnostics
 from identification.results.detection import Detection
 from identification.results.seen import seen
-from plant import PD, Elasticity, LoggedTorque, Phase, puma560, simulate
+from plant import (
+    PD,
+    Elasticity,
+    Harmonics,
+    LoggedTorque,
+    Phase,
+    puma560,
+    read_robot,
+    simulate,
+)
 from plant.machine.motor_inertia import least_inertia_margin
 
 DYNAMICS, RIG, PATH = puma560.dynamics(), puma560.rig(), puma560.reference()
@@ -125,6 +134,16 @@ ROWS = (  # what the robot has, logs, how many robots, and in a quick run
 )
 
 
+def six_joints():
+    """A log of a UR5e at 2 ms."""
+    robot = read_robot("ur5e")
+    cosine, sine = np.random.default_rng(1).uniform(-0.4, 0.4, (2, 6, 4)) / np.arange(1, 5)
+    path = Harmonics(period=4.0, offset=(0, -1.2, 1.0, -0.5, 0.8, 0), cosine=cosine, sine=sine)
+    arm = robot.dynamics.arm(robot.dynamics.f())
+    record = simulate(arm, robot.rig, robot.law, path, steps_per_sample=16)
+    return robot.dynamics, dataclasses.replace(record, true_q=None, true_qd=None)
+
+
 def cost(rounds=7):
     """Seconds of one identification, with the tests and without, in turn; of the wall clock, and
     of the processors.
@@ -134,13 +153,17 @@ def cost(rounds=7):
         " |\n|---|---|---|---|---|---|"
     )
     tested = diagnostics.detect
-    for name, change in (("as modelled", None), ("compliance, 60 Hz", compliance(60))):
-        (record,), _ = logs(0, change, one(0))
+    robots = [
+        (name, DYNAMICS, logs(0, change, one(0))[0][0])
+        for name, change in (("as modelled", None), ("compliance, 60 Hz", compliance(60)))
+    ]
+    robots.append(("six joints, as modelled", *six_joints()))
+    for name, dynamics, record in robots:
         spent = {True: [], False: []}
         for i in range(2 * rounds):
             diagnostics.detect = tested if i % 2 else lambda *_: Detection(reason="left out")
             started = time.perf_counter(), time.process_time()
-            identify(DYNAMICS, record, seed=1, progress=False)
+            identify(dynamics, record, seed=1, progress=False)
             spent[bool(i % 2)].append(
                 (time.perf_counter() - started[0], time.process_time() - started[1])
             )
