@@ -139,27 +139,6 @@ class Rival(NamedTuple):
     measurement: str = ""
 
 
-def log_odds(
-    chi_square: float, against: float, variance: float = 0.0, tolerance: float | None = None
-) -> float:
-    """Log odds for a number that lowers a sum of squares by `chi_square` of its variances.
-
-    `variance`: of the number, as the log determines it; `tolerance`: its standard deviation before.
-
-    Source: R. E. Kass, A. E. Raftery, Bayes factors, J. Am. Stat. Assoc. 90, 1995, eq. (5).
-
-    Examples
-    --------
-    >>> log_odds(20.0, against=4.0)
-    6.0
-    """
-    occam = 0.0
-    # A prior wider than the likelihood wastes its mass where the log contradicts it.
-    if tolerance is not None and variance > 0:
-        occam = 0.5 * float(np.log1p(tolerance**2 / variance))
-    return chi_square / 2 - occam - against
-
-
 def _power(log_odds: float) -> str:
     power = log_odds / np.log(10)
     # No model of a log is right to more digits.
