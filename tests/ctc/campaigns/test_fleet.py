@@ -141,6 +141,21 @@ def test_a_change_is_named(tmp_path):
     assert fleet.judge(log(999, "cell_3", 9, temperature=20.0), found(own[3])).verdict == "same arm"
 
 
+def test_a_change_comes_with_what_the_log_states_wrongly(tmp_path):
+    """In the words of the checkup; none beside a right log, or where nothing changed."""
+    fleet, own = filled(tmp_path / "fleet.sqlite")
+    notes = {"robot": "cell_3", "time": "2026-05-04", "temperature": 20.0}
+    right = dataclasses.replace(LONG, notes=notes)
+    turned = dataclasses.replace(right, torque=-right.torque, current=None)
+    changed = found(own[3] + np.array([*np.zeros(len(NAMES) - 1), 0.5]))
+    cause, *_ = turned.check().causes
+    judgement = fleet.judge(turned, changed)
+    assert judgement.statements[0] == cause.line
+    assert cause.sentence in " ".join(str(judgement).split())
+    assert fleet.judge(right, changed).statements == ()
+    assert fleet.judge(turned, found(own[3])).statements == ()
+
+
 def test_what_grows_is_seen_in_a_line_before_it_stands_out(tmp_path):
     fleet, _ = filled(tmp_path / "fleet.sqlite", growing=2)
     first = next(iter(fleet))

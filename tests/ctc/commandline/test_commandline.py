@@ -92,6 +92,7 @@ def test_from_a_log_to_a_page(folder, capsys, monkeypatch):
     code, out, err = run(capsys, "check", "log.csv", "--robot", "arm.toml", "--json")
     assert (code, err) == (0, "")
     assert json.loads(out)["logs"]["log.csv"][0]["verdict"] == "fine"
+    assert json.loads(out)["causes"] == {"log.csv": []}
     code, out, err = run(
         capsys,
         "identify",
@@ -104,7 +105,7 @@ def test_from_a_log_to_a_page(folder, capsys, monkeypatch):
         "--quiet",
     )
     told = json.loads(out)
-    assert (code, err, told["doubts"]) == (0, "", [])
+    assert (code, err, told["doubts"], told["causes"]) == (0, "", [], [])
     found = Identification.load("found.json")
     assert [
         told["values"][name]["value"] for name in found.fit.unknown
