@@ -143,18 +143,11 @@ class _Solver:
 
 
 def fitted(
-    model: Extended,
-    values: Floats,
-    step: Floats,
-    bounds: Floats,
-    near: Optimum | None = None,
-    *,
-    once: bool = False,
+    model: Extended, values: Floats, step: Floats, bounds: Floats, near: Optimum | None = None
 ) -> Optimum:
     """Gauss-Newton from values (k,), with steps (k,) of the central differences.
 
-    A step of zero leaves an unknown as it is. `once`: rates are taken at the beginning alone, which
-    is near the optimum; they are the costly part of a fit.
+    A step of zero leaves an unknown as it is.
 
     Near another optimum, whose varied unknowns are the first of these, its rates are taken as they
     are; those of the others are made once.
@@ -179,8 +172,6 @@ def fitted(
         # Slopes of unknowns that both have are not simulated again: they are the costly part of a
         # fit.
         point.slopes = np.vstack([near.rates, additional.T]).T
-    elif once:
-        point.slopes = slopes(model, values, step, varied, None, bounds)
     descend(
         model,
         point,
@@ -190,7 +181,7 @@ def fitted(
         _SETTINGS,
         # Optima are compared by their rates: one step of an unknown means the same at each.
         shorten_jumps=False,
-        fixed_slopes=near is not None or once,
+        fixed_slopes=near is not None,
     )
 
     # An unknown on its bound that would leave it does nothing: its direction is taken out.

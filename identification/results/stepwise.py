@@ -129,7 +129,7 @@ class _Accepted:
             return replace(self.point, causes=(*self.point.causes, self.sign))
         model, values, step = self.fit
         # Trial fits use sensitivities of the previous optimum; this one takes its own.
-        optimum = fitted(model, values, step, self.point.bounds, once=True)
+        optimum = fitted(model, values, step, self.point.bounds)
         hypothesis = BY_NAME[self.sign.name]
         adopted = compared(hypothesis, self.point, self.sign, optimum, step)
         return self.search.point_at(
@@ -184,8 +184,7 @@ class _Search:
             begin = nearest(model, [np.concatenate([values[keep], gain, extra]) for gain in gains])
         else:
             begin = start.values
-        at_optimum = fit.covariance is not None
-        optimum = fitted(model, begin, step, bounds, start, once=at_optimum)
+        optimum = fitted(model, begin, step, bounds, start)
         # The weight of the prior depends on the variance of the innovations.
         if model.prior.settle(optimum.unit(optimum.innovations)):
             optimum = fitted(model, optimum.values, step, bounds)
