@@ -2,10 +2,10 @@
 
 Each hypothesis restates the log, or gravity, as it would be without one mistake: the sign of a
 joint or of its torque, gravity turned, tilted, or taken out of the torque, a zero by a right angle,
-two columns exchanged, a torque that is late, or without friction. Least squares of the smoothed torques on the smoothed
-motion, with base parameters and friction of any value, shows how much of the torque is left. Where
-the torque of a sampled law was not logged, the law is run along the log, and its initial integral
-is a constant.
+two columns exchanged, a torque that is late, or without friction. Least squares of the smoothed
+torques on the smoothed motion, with base parameters and friction of any value, shows how much of
+the torque is left. Where the torque of a sampled law was not logged, the law is run along the log,
+and its initial integral is a constant.
 """
 
 import functools
