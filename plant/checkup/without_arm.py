@@ -5,6 +5,7 @@ scores all rows against a log; a row of a user's own joins the table there.
 """
 
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -53,6 +54,7 @@ from plant.checkup.undo import (
     turned_gear,
     turned_reference,
     turned_torque,
+    with_counts,
     with_gravity,
 )
 
@@ -84,6 +86,29 @@ def _exchanges() -> Iterator[Hypothesis[Any]]:
             # Torques come in the order of their counts.
             against=8.0 if name == "torques" else 5.0,
         )
+
+
+def exchanged_encoders(record: Any, joints: Joints, size: float) -> Any:
+    """Exchange the counts of the encoders on motor and link of a joint."""
+    links = record.link_counts
+    if links is None or np.isnan(links[:, joints[0]]).any():
+        raise ValueError("the record must have an encoder on this link; it has none. Map it.")
+    chosen = np.isin(np.arange(record.n), joints)
+    changed = with_counts(record, np.where(chosen, links, record.counts))
+    return replace(changed, link_counts=np.where(chosen, record.counts, links))
+
+
+def _encoders() -> Iterator[Hypothesis[Any]]:
+    """Yield the row: encoders of a motor and its link that are exchanged."""
+    yield Hypothesis(
+        name="exchanged encoders",
+        check="swapped joints",
+        sentence="The encoders of motor and link of {joint} are exchanged",
+        remedy="Exchange the columns.",
+        undo=exchanged_encoders,
+        measurement="Block the link, and move the motor: its encoder alone counts.",
+        scope=each_joint,
+    )
 
 
 def _turns() -> Iterator[Hypothesis[Any]]:
@@ -366,6 +391,7 @@ def several(n: int) -> Iterator[Joints]:
 
 TABLE: tuple[Hypothesis[Any], ...] = (
     *_exchanges(),
+    *_encoders(),
     *_turns(),
     *_units(),
     *_units_of_one(),

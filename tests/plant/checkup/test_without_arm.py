@@ -7,7 +7,16 @@ import dataclasses
 import numpy as np
 import pytest
 
-from plant import Harmonics, Hypothesis, LoggedTorque, Phase, puma560, read_robot, simulate
+from plant import (
+    Elasticity,
+    Harmonics,
+    Hypothesis,
+    LoggedTorque,
+    Phase,
+    puma560,
+    read_robot,
+    simulate,
+)
 from plant.checkup.hypothesis import each_joint
 
 RIG = puma560.rig()
@@ -125,6 +134,30 @@ def test_a_right_log_has_no_cause_and_stays_as_it_is(record):
     assert checkup.causes == ()
     assert checkup.corrected is record
     assert checkup.first_corrected is record
+
+
+@pytest.mark.parametrize("joint", [0, 1])
+def test_exchanged_encoders_of_motor_and_link_are_exchanged_back(joint):
+    arm = puma560.literature_arm(1.5)
+    gears = Elasticity.from_resonance(arm, 40, 0.02, drive=DRIVE)
+    rig = dataclasses.replace(
+        RIG,
+        drive=dataclasses.replace(DRIVE, elasticity=gears),
+        encoder=dataclasses.replace(RIG.encoder, side="both"),
+    )
+    made = simulate(arm, rig, puma560.p_law((0.1, 0.08)), puma560.reference(), duration=2.0)
+    made = dataclasses.replace(made, reference=None)
+    chosen = np.arange(2) == joint
+    exchanged = dataclasses.replace(
+        with_counts(made, np.where(chosen, made.link_counts, made.counts)),
+        link_counts=np.where(chosen, made.counts, made.link_counts),
+    )
+    assert made.check().causes == ()
+    checkup = exchanged.check()
+    cause = checkup.causes[0]
+    assert (cause.name, cause.joints) == ("exchanged encoders", (joint,))
+    np.testing.assert_array_equal(checkup.corrected.counts, made.counts)
+    np.testing.assert_array_equal(checkup.corrected.link_counts, made.link_counts)
 
 
 @pytest.mark.parametrize("seed", [7003, 7007])
