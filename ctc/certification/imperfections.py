@@ -63,8 +63,8 @@ class Imperfection:
         if not self.applies(rig):
             kind = "none" if rig.inner is None else type(rig.inner).__name__
             raise ValueError(
-                f"{self.words} needs a rig with a PositionServo as its inner loop; got {kind}. Leave"
-                " it out, or state inner=."
+                f"{self.words} needs a rig with a PositionServo as its inner loop; got {kind}."
+                " Leave it out, or state inner=."
             )
         if self.place.startswith("drive.elasticity") and rig.drive.elasticity is None:
             raise ValueError(

@@ -122,7 +122,8 @@ def warnings_of(identification: Any) -> dict[str, bool]:
     case = _Case.of(identification)
     # The names of the causes document the order; lines have no names.
     lines = {line: check not in _ALWAYS for _, check in _CHECKS for line in check(case)}
-    record, *further = identification.records
+    record = identification.records[0]
+    further = identification.records[1:]
     dynamics = identification.arm.dynamics
     # Wrong signs are reported even where no line doubts the log.
     if not any(lines.values()):

@@ -150,7 +150,7 @@ def torque_fit(problem: Problem) -> TorqueFit:
 
 
 def excess_of_torque(problem: Problem, values: Floats, least: Floats) -> float:
-    """Error of the logged torques under values (k,), over that under those of least squares (k,)."""
+    """Error of the logged torques under values (k,) over that under least squares (k,)."""
     ours, theirs = (
         torque_error(*problem.parts(vector)[:2], problem.records).total
         for vector in (values, least)
@@ -171,9 +171,11 @@ def arm_of_torques(problem: Problem, error: ValueError) -> Outcome:
         raise error
     try:
         fit = fit_torque(
-            dynamics, problem.records, unknown=_not(problem.known, problem.unknown),
+            dynamics,
+            problem.records,
+            unknown=_not(problem.known, problem.unknown),
             known=dict(problem.known),
-        )  # fmt: skip
+        )
     except ValueError:
         raise error from None
     fit = with_possible_bodies(dynamics, record.rig, fit) or fit

@@ -139,7 +139,7 @@ class PD(Law):
     def motor_torque(
         self, error: ca.SX, memory: Any, dt: ca.SX, pulses: ca.SX
     ) -> tuple[ca.SX, Any]:
-        """Motor torque (n,) [N m] for an error and counts (n,) [pulses], and the filter's memory."""
+        """Motor torque (n,) [N m] for error and counts (n,) [pulses], and the filter's memory."""
         # Of the error, a reference that speeds up is followed without delay.
         signal = error if self.derivative_of == "error" else -pulses
         rate, memory = filtered_difference(signal, memory, self.filter, dt)

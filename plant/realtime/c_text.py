@@ -239,7 +239,8 @@ def _free_folder(destination: str | Path, files: Iterable[str], name: str) -> Pa
 class Output(NamedTuple):
     """Output of a controller in C: joint torques, counts of a converter, or goals of servos.
 
-    `scale` (n,) [1/A] and the `largest` count belong to the converter. `goals`: whether it is goals.
+    `scale` (n,) [1/A] and the `largest` count belong to the converter. `goals`: whether they are
+    goals.
     """
 
     scale: Floats | None
