@@ -313,6 +313,7 @@ RESULTS = {
         published=np.full(arm().dynamics.p, 0.1),
     ),
     "Uncertainty": lambda: Uncertainty(resonance=(40, 80)),
+    "TorqueError": lambda: fit_torque(arm().dynamics, record()).error_on(record()),
     "TorqueFit": lambda: fit_torque(arm().dynamics, record()),
     "Trial": trial,
     "Tuning": lambda: Tuning(law=LAW, trials=(trial(),), certificate=certificate(), fresh=200),
