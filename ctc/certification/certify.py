@@ -332,6 +332,7 @@ def certify(
     # 2. Simulate the same samples along each motion.
     motions = dict[str, tuple[Reference, Runs, dict[str, Any], Seen | None]]()
     driven = dict[str, tuple[Reference, dict[str, Any]]]()
+    stepping = {"steps_per_sample": steps_per_sample}
     probability = None
     seconds = sum(duration for _, duration in task.motions.values())
     # Fits on gears, and rare failures, take about as long as the loops.
@@ -340,15 +341,9 @@ def certify(
     with task.checkpoint as stages, progress_bar(work, "certify", "s", progress) as bar:
         with bar.part(fits, "fits on gears"):
             plants = task.sampled(samples)
-        # By default the start counts on rigid gears, and not on elastic ones.
-        settling = SETTLED if plants.rig.drive.elasticity is not None else 0.0
         for name, (path, motion_seconds) in task.motions.items():
-            settings: dict[str, Any] = {
-                "steps_per_sample": steps_per_sample,
-                "duration": motion_seconds,
-                # Half of a short motion counts in any case.
-                "after": min(settling, motion_seconds / 2) if after is None else float(after),
-            }
+            begins = _counted_from(plants.rig, motion_seconds, after)
+            settings: dict[str, Any] = {"duration": motion_seconds, "after": begins} | stepping
             driven[name] = path, settings
             population = plants.under(law, path, within=task.within, **settings)
             # A single motion has no name, and its stages no prefix.
@@ -361,8 +356,7 @@ def certify(
             )
             # `Certificate.plant` simulates one arm again with the same lost counts, which are drawn
             # per step of the controller.
-            settings_of_runs = settings | {"law_steps": population.law_steps}
-            motions[name] = path, runs, settings_of_runs, of_log
+            motions[name] = path, runs, settings | {"law_steps": population.law_steps}, of_log
         # Subset simulation draws samples of its own, and drives them along the same motions.
         if rare is not None:
             probability = stages.stage(
@@ -384,6 +378,16 @@ def certify(
     if task.several:
         return certificates
     return dataclasses.replace(certificates[""], rare=probability)
+
+
+def _counted_from(rig: Rig, seconds: float, after: float | None) -> float:
+    """Time [s] of a motion from which on its errors count, unless it is stated."""
+    if after is not None:
+        return float(after)
+    # The start counts on rigid gears, and not on elastic ones.
+    settling = SETTLED if rig.drive.elasticity is not None else 0.0
+    # Half of a short motion counts in any case.
+    return min(settling, seconds / 2)
 
 
 def _require_probabilities(within: float, confidence: float, rare: float | None) -> None:

@@ -4,6 +4,7 @@ import contextlib
 import dataclasses
 import operator
 import warnings
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +17,7 @@ from ctc.certification.certify import Motions, Task, certify
 from ctc.certification.uncertainty import Uncertainty
 from ctc.tuning.known_gears import KnownGears, with_known_gears
 from ctc.tuning.search import SETTINGS, Tunings
-from ctc.tuning.tuning import Trial, Tuning, families
+from ctc.tuning.tuning import Family, Trial, Tuning, families
 from ctc.verdict.on_gears import SETTLED
 from identification import Identification, IdentificationWarning
 from plant import Arm, Reference, Rig
@@ -144,15 +145,7 @@ def tune(
     laws = families(found, fresh.arm, fresh.own, task.reference)
     context = contextlib.nullcontext() if executor is None else Executor(executor)
     with context as shared, task.checkpoint as stages:
-        searches = [
-            Tunings(
-                family=family,
-                checkpoint=stages.part(family.name),
-                run_options={"threads": task.threads, "executor": shared},
-                **common,
-            )
-            for family in laws
-        ]
+        searches = _searches(laws, stages, common, {"threads": task.threads, "executor": shared})
         seconds = sum(duration for _, duration in task.motions.values())
         of_certificate = samples * seconds * task.steps_per_sample
         work = sum(search.work(searched) for search in searches) + of_certificate
@@ -163,33 +156,19 @@ def tune(
             # Whoever has pressed Ctrl-C waits for few samples only, which no checkpoint may hold.
             if interrupted:
                 samples = min(samples, SETTINGS.interrupted_samples)
+            judged: dict[str, Any] = {"within": within, "after": after, "duration": duration}
+            running: dict[str, Any] = {"threads": threads, "progress": progress}
+            running["executor"] = executor
             part = None if interrupted or executor is not None else stages.part("certificate")
             with warnings.catch_warnings(), bar.part(of_certificate, "certificate"):
                 warnings.simplefilter("ignore", IdentificationWarning)  # `tune` has given it
+                options = judged | running | {"samples": samples, "checkpoint": part}
                 certificate: Certificate | Certificates = certify(
-                    found,
-                    rig,
-                    best.law,
-                    reference,
-                    task.uncertainty,
-                    samples=samples,
-                    seed=seed + 2,
-                    within=within,
-                    after=after,
-                    threads=threads,
-                    duration=duration,
-                    progress=progress,
-                    executor=executor,
-                    checkpoint=part,
+                    found, rig, best.law, reference, task.uncertainty, seed=seed + 2, **options
                 )
-            gears: tuple[KnownGears, ...] = ()
             # An executor's workers have their own populations, and Ctrl-C ends the waiting.
-            if not interrupted and executor is None:
-                simulated = common["options"] | {"steps_per_sample": SETTINGS.check_steps}
-                gears = stages.stage(
-                    "known gears",
-                    lambda: with_known_gears(fresh, common["motions"], simulated, task.threads),
-                )
+            waits = not interrupted and executor is None
+            gears = _known_gears(fresh, task, stages, common) if waits else ()
     return Tuning(
         law=best.law,
         trials=tuple(trials),
@@ -198,6 +177,16 @@ def tune(
         interrupted=interrupted,
         known_gears=gears,
     )
+
+
+def _searches(
+    laws: Iterable[Family], stages: Any, common: dict[str, Any], run_options: dict[str, Any]
+) -> list[Tunings]:
+    """The search of each family, with a part of the checkpoint of its own."""
+    return [
+        Tunings(family=law, checkpoint=stages.part(law.name), run_options=run_options, **common)
+        for law in laws
+    ]
 
 
 def _searched(
@@ -226,6 +215,18 @@ def _searched(
             checks = [searches[0].checked(searches[0].initial()[:1])[0]]
         return [min(trials, key=_RANK) for trials in checks if trials], True
     return [min(trials, key=_RANK) for trials in checks], False
+
+
+def _known_gears(
+    fresh: Any, task: Task, stages: Any, common: dict[str, Any]
+) -> tuple[KnownGears, ...]:
+    """What stating elastic gears would gain, from a checkpoint where it is there."""
+    simulated = common["options"] | {"steps_per_sample": SETTINGS.check_steps}
+    gears: tuple[KnownGears, ...] = stages.stage(
+        "known gears",
+        lambda: with_known_gears(fresh, common["motions"], simulated, task.threads),
+    )
+    return gears
 
 
 def _common_options(task: Task, fresh: Any, after: float, allowed: float) -> dict[str, Any]:

@@ -503,36 +503,40 @@ def fit_torque(
         report["freed"] = dict(_freed(task, selection, stated, thin))
         fit = task.fit(selection, stated, thin=thin, extra=task.extra, **report)
         friction = _friction(task, fit, selection._replace(every=None), by_user)
-        log = task.logs[0]
-        arm = FittedArm(
-            dynamics=task.dynamics,
-            rig=log.rig,
-            f=fit.f,
-            covariance=fit.covariance_of(dynamics.names),
-            q=log.q,
-            fitted=fit.names,
-            # Torques are biased in bands with fast motion, which no deviation covers.
-            rough=True,
-        )
-        machine = log.rig.filled({**fit.known, **dict(zip(fit.names, fit.values, strict=True))})
-        error = None
-        # A log may be too short for the band that all errors are compared in.
-        with contextlib.suppress(ValueError):
-            extra_values = {name: (column, fit[name]) for name, column in task.extra.items()}
-            error = error_of_logs(fit.arm, machine, task.logs, extra=extra_values)
-        return replace(
-            fit,
-            path=log.path,
-            rig=machine,
-            error=error,
-            friction=friction,
-            causes=of_log(dynamics, log, width),
-            doubts=tuple(arm.doubts()),
-        )
+        return replace(_judged(task, fit, width), friction=friction)
     except NotIdentifiableError as error:
         # Of all names at once: the error knows the first that depends on others.
         advice = _advice(*task.systems(selection), left_out)
         raise NotIdentifiableError(advice, error.name) from error
+
+
+def _judged(task: TorqueEquations, fit: TorqueFit, width: float) -> TorqueFit:
+    """The fit with its machine, its error on the logs, causes and doubts."""
+    log = task.logs[0]
+    arm = FittedArm(
+        dynamics=task.dynamics,
+        rig=log.rig,
+        f=fit.f,
+        covariance=fit.covariance_of(task.dynamics.names),
+        q=log.q,
+        fitted=fit.names,
+        # Torques are biased in bands with fast motion, which no deviation covers.
+        rough=True,
+    )
+    machine = log.rig.filled({**fit.known, **dict(zip(fit.names, fit.values, strict=True))})
+    error = None
+    # A log may be too short for the band that all errors are compared in.
+    with contextlib.suppress(ValueError):
+        extra_values = {name: (column, fit[name]) for name, column in task.extra.items()}
+        error = error_of_logs(fit.arm, machine, task.logs, extra=extra_values)
+    return replace(
+        fit,
+        path=log.path,
+        rig=machine,
+        error=error,
+        causes=of_log(task.dynamics, log, width),
+        doubts=tuple(arm.doubts()),
+    )
 
 
 def _chosen(

@@ -422,26 +422,11 @@ def weighted(
     # logs that by their differences.
     between = None
     if seconds is not None:
-        # Segments of the weighted equations, several per log; those of one segment may correlate.
         columns = rows * weight[:, None]
         remaining = residual * weight
-        runs = places.record
-        blocks = places.segments(seconds, SEGMENTS * len(seconds))[0]
-        if len(seconds) > 1:
-            # Numbered without gaps: a segment may have no equation.
-            blocks = np.unique(blocks, return_inverse=True)[1]
-        if prior is not None:
-            # Rows of no log, which are in every fit of the others.
-            columns = np.vstack([columns, prior[0]])
-            remaining = np.append(remaining, prior[1] - product(prior[0], values))
-            none = np.full(len(prior[1]), -1)
-            runs, blocks = np.append(runs, none), np.append(blocks, none)
-        if len(seconds) > 1:
-            between, covariance = between_runs(
-                names, values, covariance, columns, remaining, runs, blocks
-            )
-        else:
-            covariance = at_least(covariance, group_std(columns, remaining, blocks))
+        between, covariance = _by_segments(
+            names, values, covariance, columns, remaining, places, seconds, prior
+        )
 
     # 5. Friction that is not negative. The deviations are those of the free fit: an upper bound.
     free = dict[str, float]()
@@ -470,6 +455,37 @@ def weighted(
         free=free,
         **report,
     )
+
+
+def _by_segments(
+    names: tuple[str, ...],
+    values: Floats,
+    covariance: Floats,
+    columns: Floats,
+    remaining: Floats,
+    places: Places,
+    seconds: Floats,
+    prior: tuple[Floats, Floats] | None,
+) -> tuple[Any, Floats]:
+    """How several logs differ, or None, and the covariance that counts segments and logs.
+
+    `columns` (m, k) and `remaining` (m,): the weighted equations and what is left of them.
+    """
+    # Several segments per log; equations of one segment may correlate.
+    runs = places.record
+    blocks = places.segments(seconds, SEGMENTS * len(seconds))[0]
+    if len(seconds) > 1:
+        # Numbered without gaps: a segment may have no equation.
+        blocks = np.unique(blocks, return_inverse=True)[1]
+    if prior is not None:
+        # Rows of no log, which are in every fit of the others.
+        columns = np.vstack([columns, prior[0]])
+        remaining = np.append(remaining, prior[1] - product(prior[0], values))
+        none = np.full(len(prior[1]), -1)
+        runs, blocks = np.append(runs, none), np.append(blocks, none)
+    if len(seconds) > 1:
+        return between_runs(names, values, covariance, columns, remaining, runs, blocks)
+    return None, at_least(covariance, group_std(columns, remaining, blocks))
 
 
 def _deviations(residual: Floats, group: Integers, groups: int, freedom: float) -> Floats:

@@ -142,6 +142,14 @@ class NuisanceVector:
         return np.concatenate([np.empty(0), *(getattr(group, field) for group in self.groups)])
 
 
+def _observer(n: int, simulated: bool, replayed: bool) -> Correction:
+    """The observer to begin with; that of a simulation corrects nothing."""
+    # Its gains of zero are not searched: with them free it would be a prediction again.
+    if simulated:
+        return Correction(position=(0.0,) * n, speed=(0.0,) * n, zero=(0.0,) * n)
+    return Correction.with_memory(n, SETTINGS.replayed_memory if replayed else SETTINGS.memory)
+
+
 class Prediction(Stacked):
     """Innovations of a model that follows records.
 
@@ -192,13 +200,8 @@ class Prediction(Stacked):
         records = looped
         replayed = any(record.law is not None and record.law.replays for record in records)
 
-        # 1. The observer. A simulation is a prediction with an observer that corrects nothing.
-        correction = Correction.with_memory(
-            n, SETTINGS.replayed_memory if replayed else SETTINGS.memory
-        )
-        # Its gains of zero are not searched: with them free it would be a prediction again.
-        if simulated:
-            correction = Correction(position=(0.0,) * n, speed=(0.0,) * n, zero=(0.0,) * n)
+        # 1. The observer.
+        correction = _observer(n, simulated, replayed)
         gains = correction.number_names("correction.")
 
         # 2. The records, each with its kernel. Offsets of encoders are numbers of the correction.

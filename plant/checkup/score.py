@@ -289,10 +289,14 @@ class Experiment:
         for i in range(self.n):
             reference = self.filtered("reference", signals.reference, i)
             counts = self.filtered("counts", signals.counts, i)
-            # A loop may lag: what is in proportion to the acceleration is no evidence.
+            # A loop may lag. Its counts follow behind the reference, or as a low-pass of it, which
+            # also takes from the amplitude: what is in proportion to either's acceleration is no
+            # evidence. No loop leads.
             error = reference.speed - counts.speed
-            lag = reference.acceleration
-            error = error - lag * float(lag @ error) / max(float(lag @ lag), 1e-300)
+            lag = np.column_stack([reference.acceleration, counts.acceleration])
+            columns = np.column_stack([lag, error])
+            times, _ = _not_negative(columns.T @ columns)
+            error = error - lag @ times
             shares[i] = _share(error, reference.speed, counts.speed, self._speed_noise)
         return shares
 

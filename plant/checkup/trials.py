@@ -108,6 +108,10 @@ class Trials:
             # better.
             if -result.fun > (1 + _RUGGED) * most:
                 size, most = float(result.x), -float(result.fun)
+        # Reading between two rows averages them, which makes noise smaller in either direction:
+        # what a shift gains beyond the opposite one is evidence of its direction.
+        if hypothesis.check == "delay":
+            most -= max(gain(-size), 0.0)
         # Occam: a size that the log determines well was unlikely to be just that.
         step = 0.02 * tolerance * (1.0 if grid_of_sizes else size)
         curvature = (2 * most - gain(size + step) - gain(size - step)) / step**2

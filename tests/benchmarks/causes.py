@@ -529,13 +529,17 @@ def first(name, arm, seed, law="P"):
 def label(text):
     """The label of a sentence."""
     words = (LABELS | WORDS).items()
-    return next((name for name, word in words if re.search(word, text)), "other") if text else ""
+    return (
+        next((name for name, word in words if re.search(word, text, re.IGNORECASE)), "other")
+        if text
+        else ""
+    )
 
 
 def names_it(text, labels):
     """Whether a sentence, or silence, is that of one of these labels."""
     return label(text) in labels or any(
-        re.search(WORDS[name], text) for name in labels if name in WORDS
+        re.search(WORDS[name], text, re.IGNORECASE) for name in labels if name in WORDS
     )
 
 
