@@ -65,7 +65,8 @@ def test_planar_arm_of_random_truth_is_identified_and_tracked_within_one_pulse(n
     found = identify(
         dynamics, measured, ranges=np.column_stack([guess - width, guess + width]), progress=False
     )
-    assert found.objective < found.initial_objective
+    # Objective (4) is no measure here: two runs of the true arm differ by as much as the start does.
+    assert (np.abs(found.f - truth.f) < 3 * found.fit.std).all()
     report = evaluate(truth, rig, ComputedTorque(found.arm, found.rig), path_of(n), backend="numba")
     assert report.within(1), report
 

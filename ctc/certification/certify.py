@@ -332,7 +332,6 @@ def certify(
     # 2. Simulate the same samples along each motion.
     motions = dict[str, tuple[Reference, Runs, dict[str, Any], Seen | None]]()
     driven = dict[str, tuple[Reference, dict[str, Any]]]()
-    stepping = {"steps_per_sample": steps_per_sample}
     probability = None
     seconds = sum(duration for _, duration in task.motions.values())
     # Fits on gears, and rare failures, take about as long as the loops.
@@ -343,7 +342,7 @@ def certify(
             plants = task.sampled(samples)
         for name, (path, motion_seconds) in task.motions.items():
             begins = _counted_from(plants.rig, motion_seconds, after)
-            settings: dict[str, Any] = {"duration": motion_seconds, "after": begins} | stepping
+            settings = _settings_of_run(motion_seconds, begins, steps_per_sample)
             driven[name] = path, settings
             population = plants.under(law, path, within=task.within, **settings)
             # A single motion has no name, and its stages no prefix.
@@ -378,6 +377,11 @@ def certify(
     if task.several:
         return certificates
     return dataclasses.replace(certificates[""], rare=probability)
+
+
+def _settings_of_run(seconds: float, begins: float, steps_per_sample: int) -> dict[str, Any]:
+    """Arguments of a population's run along one motion."""
+    return {"steps_per_sample": steps_per_sample, "duration": seconds, "after": begins}
 
 
 def _counted_from(rig: Rig, seconds: float, after: float | None) -> float:

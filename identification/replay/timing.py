@@ -116,7 +116,13 @@ def without_delay(record: Record, samples: float) -> Record:
         raise ValueError(
             f"samples must be within one; got {samples}. Shift the columns by whole rows first."
         )
+    initial = record.initial
+    # The start goes along: an arm beside its counts would swing for a second.
+    if initial is not None:
+        q, qd = np.asarray(initial)
+        initial = np.array([q + samples * record.rig.period * qd, qd])
     return replace(
         record,
         error_pulses=record.error_pulses - samples * speed_of(record.counts, SETTINGS.window),
+        initial=initial,
     )

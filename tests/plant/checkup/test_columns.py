@@ -135,7 +135,7 @@ def test_a_gear_that_was_stated_with_the_wrong_sign_is_turned(table):
     if isinstance(table[1], P):  # saturates when it is replayed on that rig
         with pytest.raises(
             ValueError,
-            match=r"^gear sign of joint .*sign of the gear.* As it is, a log must be below",
+            match=r"^The gear of joint .*Change the sign of the gear.* As it is, a log must be",
         ):
             identify(puma560.dynamics(), record, progress=False)
 

@@ -23,6 +23,7 @@ from plant import (
     Encoder,
     FrictionCurve,
     FrictionDrift,
+    Held,
     Jitter,
     JointSpring,
     Limits,
@@ -118,6 +119,7 @@ EXAMPLES = {
     ),
     "Harmonics": puma560.reference(),
     "Later": puma560.reference().later(1 / 3),
+    "Held": Held(times=(0, 1), points=((0.0,), (0.5,))),
     "PointToPoint": PointToPoint(start=(0.0, 0.1), goal=(1.0, 2.0), duration=0.3),
     "Spline": Spline(times=(0, 1, 2), points=((0, 0), (1, 1 / 3), (2, 0))),
     "Scaled": PointToPoint(start=(0.0,), goal=(1.0,), duration=0.3).slowed(2.0),
@@ -261,6 +263,7 @@ def test_description_with_missing_or_unknown_fields_is_refused():
 
 
 MISSPELT = {
+    "Held": "point",
     "Limits": "velocty",
     "Link": "alhpa",
     "Chain": "gravitiy",
