@@ -123,7 +123,7 @@ def rounding_log_odds(signals: Signals) -> float | None:
     rows = np.arange(valid[0], valid[-1] + 1)
     measured = np.isin(rows, valid)
     columns = [np.interp(rows, valid, column) for column in torque.T]
-    forces = np.column_stack([column / max(np.std(column), 1e-300) for column in columns])
+    forces = np.column_stack([_scaled(column) for column in columns])
     # All joints have one convention, so the logarithms of their odds are added.
     log_odds = []
     for column in signals.counts.T:
@@ -133,6 +133,15 @@ def rounding_log_odds(signals: Signals) -> float | None:
         if odds is not None:
             log_odds.append(odds)
     return float(sum(log_odds)) if log_odds else None
+
+
+def _scaled(force):
+    """A force (M,) over its deviation; zero where it is constant, as polynomials are beside it."""
+    deviation = np.std(force)
+    # Rounding of a constant is no deviation.
+    if deviation <= 1e-9 * np.abs(force).max():
+        return np.zeros_like(force)
+    return force / deviation
 
 
 class _Step(NamedTuple):

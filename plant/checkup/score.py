@@ -289,6 +289,9 @@ class Experiment:
         for i in range(self.n):
             reference = self.filtered("reference", signals.reference, i)
             counts = self.filtered("counts", signals.counts, i)
+            # Beside a goal that rests the counts move by noise alone, whatever their scale.
+            if np.mean(reference.speed**2) <= self.speed_noise:
+                continue
             # A loop may lag. Its counts follow behind the reference, or as a low-pass of it, which
             # also takes from the amplitude: what is in proportion to either's acceleration is no
             # evidence. No loop leads.
@@ -297,11 +300,11 @@ class Experiment:
             columns = np.column_stack([lag, error])
             times, _ = _not_negative(columns.T @ columns)
             error = error - lag @ times
-            shares[i] = _share(error, reference.speed, counts.speed, self._speed_noise)
+            shares[i] = _share(error, reference.speed, counts.speed, self.speed_noise)
         return shares
 
     @functools.cached_property
-    def _speed_noise(self):
+    def speed_noise(self) -> float:
         """Variance of a smoothed speed that rounding to whole pulses causes."""
         return float((self.filter.kernels[:, 1] ** 2).sum()) / 12
 

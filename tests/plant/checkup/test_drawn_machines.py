@@ -1,0 +1,15 @@
+"""Right logs of drawn machines: no check ends with an error, and a lag accuses nothing."""
+
+import pytest
+from random_rigs import drawn
+
+
+def test_a_joint_that_rests_ends_no_check():
+    """Its error is one number throughout."""
+    assert drawn(71).record.check().causes == ()
+
+
+@pytest.mark.parametrize("seed", [1, 11, 19, 21, 26])
+def test_a_loop_that_lags_has_the_right_scale(seed):
+    """A cascade follows as a low-pass does: its counts go less far than the reference."""
+    assert drawn(seed).record.check().causes == ()
