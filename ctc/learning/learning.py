@@ -24,8 +24,10 @@ class Learning(Shown, Saved, Frozen):
     ----------
     law : LearntTorque
         For the next repetition.
-    arm, rig : Arm, Rig
-        With corrected f and friction, for other paths and other speeds.
+    arm : Arm
+        With corrected f, for other paths and other speeds.
+    rig : Rig
+        With corrected friction, likewise.
     covariance : (p, p) numpy.ndarray
         Of f of that arm.
     friction_std : (2, n) numpy.ndarray
