@@ -290,6 +290,16 @@ NEEDS = {
 """Programs of another machine or environment, and the words by which a page says so."""
 
 
+def extras_of_the_project():
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    return project["optional-dependencies"]
+
+
+def packages_of(extras):
+    """Names of the packages that some extras install."""
+    return {re.split(r"[ >\[;]", line)[0] for lines in extras.values() for line in lines}
+
+
 def problem_of(words, text):
     """Why a command of a page cannot run; None where it can."""
     program, arguments = Path(words[0]).name, words[1:]
@@ -300,14 +310,10 @@ def problem_of(words, text):
         tested = (ROOT / TESTED_ELSEWHERE[words[0]]).read_text(encoding="utf-8")
         return None if words[0].removeprefix("./") in tested else "no test runs it"
     if program == "pip":
-        extras = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"][
-            "optional-dependencies"
-        ]
+        extras = extras_of_the_project()
         wanted = re.search(r"(?:onepulse|\.)\[(.+)\]", arguments[-1])
         # Jupyter opens the notebooks; nothing of the project needs it.
-        packages = {"jupyterlab"} | {
-            re.split(r"[ >\[;]", line)[0] for lines in extras.values() for line in lines
-        }
+        packages = {"jupyterlab"} | packages_of(extras)
         is_known = set(wanted[1].split(",")) <= set(extras) if wanted else arguments[-1] in packages
         return None if is_known else "no such extra"
     if program == "onepulse":
@@ -320,7 +326,9 @@ def problem_of(words, text):
             return f"status {end.code}"
         return None
     if arguments[0] == "-m":
-        return None if importlib.util.find_spec(arguments[1]) else "no such module"
+        # The extra of the documentation need not be installed where the tests run.
+        is_known = arguments[1] in packages_of(extras_of_the_project())
+        return None if is_known or importlib.util.find_spec(arguments[1]) else "no such module"
     file = ROOT / arguments[0]
     if not file.exists():
         return "no such file"

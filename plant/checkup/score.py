@@ -297,6 +297,7 @@ class Experiment:
             # evidence. No loop leads.
             error = reference.speed - counts.speed
             lag = np.column_stack([reference.acceleration, counts.acceleration])
+            lag = lag / np.maximum(np.sqrt((lag**2).sum(axis=0)), np.finfo(float).tiny)
             columns = np.column_stack([lag, error])
             times, _ = _not_negative(columns.T @ columns)
             error = error - lag @ times
