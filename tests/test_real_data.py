@@ -55,7 +55,7 @@ def public_logs(monkeypatch):
 def test_a_slide_is_simulated_from_its_force_on_a_file_that_was_not_fitted(public_logs):
     """4.87 mm; 168 without friction that differs by direction. Published: 95.1 kg."""
     log = public_logs.emps(folder("emps").parent)
-    found = identify(log.dynamics, log.fitted, method="output_error", progress=False)
+    found = identify(log.dynamics, log.fitted, progress=False)
     assert "drive.curve.viscous_offset[0]" in found.fit.unknown
     again = replay(found.arm, log.kept[0], rig=found.rig)
     off = found.rig.to_angle(again.counts - log.kept[0].counts)

@@ -15,7 +15,7 @@ from identification.replay.objective import Objective
 from identification.replay.timing import delay_of, is_late
 from identification.search.elastic import elastic
 from identification.search.genetic import GeneticSettings, minimize_genetic
-from identification.search.memory import repeating, with_memory, with_starts
+from identification.search.memory import placed, repeating, with_memory, with_starts
 from identification.search.outcome import Fit, Outcome
 from identification.search.polish import (
     arm_of_torques,
@@ -24,7 +24,7 @@ from identification.search.polish import (
     start_of_fit,
     torque_fit,
 )
-from identification.search.predictive import difference_of, doubtful, predicted
+from identification.search.predictive import asks_from, difference_of, doubtful, predicted
 from identification.search.problem import Problem, in_parts, is_long
 from plant.parts.settings import frozen_settings
 
@@ -50,9 +50,18 @@ class SeededSettings:
         Number of unknowns above which the method goes without the genetic algorithm: the
         individuals of the paper are too few for a box of so many dimensions.
     excess : float
-        Error of logged torques under the values of a prediction-error fit, over that of the torque
-        equation's fit: from there on the latter is the arm. The worst of the double pendulum's
+        Error of logged torques under the values of a fit, over that of a fit that is nearer to
+        them (of the torque equation, or by prediction error): from there on the latter is the arm.
+        The output error of the EMPS has 1.6. The worst of the double pendulum's
         records has 1.6, a six-joint bag whose prediction lost the arm 2.5.
+    along : float
+        Departure of the model, driven by the logged torques alone, as a share of the motion (rms):
+        below it the model runs along whole logs, and the output error counts as well. The slide of
+        the EMPS has 0.05, arms under gravity have more than 1; chosen by hand between.
+    closer : float
+        Departure of an output-error fit over that of the prediction-error fit, below which it is
+        the result. The slide of the EMPS has 0.6, the double pendulum, which gains nothing from it
+        on records kept aside, 0.9.
     noise : float
         Relative noise of objective (4) over the last digits of a vector, since single counts decide
         it. Candidates within it are as good as the best.
@@ -63,6 +72,8 @@ class SeededSettings:
     spread: float = 0.03
     direct: int = 30
     excess: float = 2.0
+    along: float = 0.1
+    closer: float = 0.75
     noise: float = 0.05
 
 
@@ -165,7 +176,8 @@ def seeded(problem: Problem) -> Outcome:
     """Equation error, genetic algorithm around it, prediction error from there, best neighbour.
 
     A log that replays its torques skips the genetic algorithm: an uncorrected simulation
-    accumulates all model errors. With many unknowns the method skips it, too, unless the user sets
+    accumulates all model errors. Where it still runs along the whole log, output error follows
+    prediction error. With many unknowns the method skips it, too, unless the user sets
     its settings or the result is no arm.
 
     Vectors within some hundredths of a standard deviation fit the log equally well. Since objective
@@ -173,8 +185,10 @@ def seeded(problem: Problem) -> Outcome:
     best.
     """
     # A fit of elastic gears has starts of its own, see `elastic`.
-    if any(problem.replays) or problem.elastic:
+    if problem.elastic:
         return prediction_error(problem)
+    if any(problem.replays):
+        return _with_simulation(problem, prediction_error(problem))
 
     # 1. Equation error; with many unknowns the fit follows at once.
     problem = with_starts(problem)
@@ -231,6 +245,50 @@ def seeded(problem: Problem) -> Outcome:
         unknown=problem.unknown, values=result.x, candidates=result.x[None], fallback_reason=reason
     )
     return replace(outcome, fit=fit, message=message)
+
+
+def _with_simulation(problem, outcome):
+    """The outcome with the values by output error, where these repeat logged torques better.
+
+    One sample ahead, a model that lacks something follows a log by its observer; in open loop its
+    errors add up, and friction must be right on average over the whole log.
+    """
+    fit = outcome.fit
+    # Unknown zeros need the observer: without it each would bend a whole record.
+    if not problem.repeats_torques or problem.zeros or fit.fallback_reason is not None:
+        return outcome
+
+    # 1. Only a model that departs from the log by more than rounding, and yet runs along it.
+    records = problem.records
+    apart = _departure(problem, fit)
+    motion = np.concatenate([record.counts - record.counts.mean(axis=0) for record in records])
+    if not asks_from(records) < apart < SEEDED.along * np.sqrt(np.mean(motion**2)):
+        return outcome
+
+    # 2. Output error, which must explain the torques nearly as well.
+    try:
+        simulated = problem.checkpoint.stage("simulated", lambda: output_error(problem)).fit
+    except ValueError:
+        return outcome
+    closer = _departure(problem, simulated) < SEEDED.closer * apart
+    if not closer or excess_of_torque(problem, simulated.values, fit.values) > SEEDED.excess:
+        return outcome
+
+    # 3. Two estimates of one arm differ by what the model lacks: the intervals hold both.
+    difference = simulated.values - fit.values
+    outcome.stages["prediction error"] = fit.values
+    values = simulated.values
+    covariance = fit.covariance + np.outer(difference, difference)
+    fit = replace(fit, values=values, candidates=values[None], covariance=covariance)
+    return replace(
+        outcome, fit=fit, message=f"{outcome.message} The values are those of the output error."
+    )
+
+
+def _departure(problem, fit):
+    """Difference between logs and the model in open loop [pulses, rms]."""
+    objective = repeating(problem, placed(problem, fit), fit.resumptions)
+    return difference_of(float(objective(fit.values[None])[0]), problem.records)
 
 
 def _resumed(problem, fit):

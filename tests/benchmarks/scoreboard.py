@@ -128,7 +128,7 @@ EMPS_START = 20
 def open_loop(log):
     """RMSE of the simulated position on the second file, from its force alone."""
     began = time.perf_counter()
-    found = identify(log.dynamics, log.fitted, method="output_error", progress=False)
+    found = identify(log.dynamics, log.fitted, progress=False)
     seconds = time.perf_counter() - began
     kept = log.kept[0]
     again = replay(found.arm, kept, rig=found.rig)
