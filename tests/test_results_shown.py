@@ -232,7 +232,7 @@ RESULTS = {
     "Comparison": lambda: compared({NASTY[0]: LAW, NASTY[1]: ComputedTorque(arm(), RIG)}),
     "Detection": lambda: found().diagnostics.detection,
     "Diagnostics": lambda: found().diagnostics,
-    "FloatVerdict": lambda: evaluate_float(arm(), Float(arm(), RIG, assist=0.5)),
+    "FloatVerdict": lambda: evaluate_float(arm(), Float(arm(), RIG, assist=0.4)),
     "Evaluation": lambda: compared({"P": LAW}).evaluations["P"],
     "Evaluations": lambda: evaluate(
         arm(), RIG, LAW, {NASTY[0]: PATH, "b": PATH.later(1)}, backend="numba", **SHORT

@@ -35,8 +35,9 @@ class FloatSettings(Settings):
     cells : float
         Cells of the encoder within `Float.leak` that are a motion of the hand: at this speed some
         three quarters of the assistance act. Chosen by hand.
-    friction : float
-        Relative uncertainty of friction that no log has identified.
+    gravity, friction : float
+        Relative uncertainty of gravity and of friction that no log has identified. 5 % is what a
+        data sheet or a CAD model leaves open; state less of an arm that was weighed.
     deviations : float
         Standard deviations of identified gravity and friction that the bound covers.
     poses : int
@@ -56,6 +57,7 @@ class FloatSettings(Settings):
     observer: float = 60.0
     taper: float = 0.2
     cells: float = 2.0
+    gravity: float = 0.05
     friction: float = 0.3
     deviations: float = 2.0
     poses: int = 200
@@ -93,7 +95,7 @@ class Float(ModelLaw):
     ValueError
         As `ModelLaw`; an assistance beyond (1 - dg / F) / (1 + s) of a joint, with its friction F,
         the deviation dg of its gravity torque and the relative deviation s of its friction: the arm
-        could drive itself.
+        could drive itself. With dg beyond F a released joint falls, and no assistance is accepted.
 
     See Also
     --------
@@ -103,8 +105,8 @@ class Float(ModelLaw):
     --------
     >>> from plant import puma560
     >>> from ctc import Float
-    >>> Float(puma560.arm(), puma560.rig(), assist=0.5).assist
-    0.5
+    >>> Float(puma560.arm(), puma560.rig(), assist=0.4).assist
+    0.4
     """
 
     assist: float = number((), default=0.7)
@@ -118,32 +120,42 @@ class Float(ModelLaw):
         knowledge = self.arm if isinstance(self.arm, Identification) else None
         super().__post_init__()
         signs(self, positive=("leak", "speed"), not_negative=("assist",))
-        largest = self._largest_assist(knowledge)
+        friction, gravity, relative = self._uncertainty(knowledge)
+        bound = (1 - gravity / np.maximum(friction, 1e-12)) / (1 + relative)
+        # A joint without dry friction has none to be assisted.
+        largest = np.where(friction > 0, bound, 1.0)
         joint = int(np.argmin(largest))
-        if self.assist > largest[joint]:
-            label = self.rig.joint_labels[joint]
+        label = self.rig.joint_labels[joint]
+        if largest[joint] <= 0:
             raise ValueError(
-                f"assist must be at most {max(largest[joint], 0.0):.2g}, so that {label} cannot"
-                " drive itself with the gravity and friction that its identification leaves open;"
+                f"gravity of {label} must be known within its dry friction, {friction[joint]:.2g}"
+                f" N m, so that it rests when released; got {gravity[joint]:.2g} N m. Identify it"
+                " with its tool, or state FloatSettings(gravity=)."
+            )
+        if self.assist > largest[joint]:
+            raise ValueError(
+                f"assist must be at most {largest[joint]:.2g}, so that {label} cannot drive itself"
+                " with the gravity and friction that are left open;"
                 f" got {self.assist:g}. Lower it, or identify {label} better."
             )
 
-    def _largest_assist(self, identification: Any) -> Floats:
-        """Assistance (n,) with which no joint drives itself: (1 - dg / F) / (1 + s)."""
-        friction = np.array(self.rig.drive.joint_coulomb(np.zeros(self.arm.n)))
-        gravity = np.zeros(self.arm.n)
-        relative = np.full(self.arm.n, self.settings.friction)
-        if identification is not None and identification.fit.covariance is not None:
-            fit = identification.fit
-            gravity = self.settings.deviations * self._gravity_deviation(fit)
-            for i in range(self.arm.n):
-                name = f"drive.coulomb[{i}]"
-                if name in fit.unknown and self.rig.drive.coulomb[i] > 0:
-                    deviation = fit.std[fit.unknown.index(name)]
-                    relative[i] = self.settings.deviations * deviation / self.rig.drive.coulomb[i]
-        bound = (1 - gravity / np.maximum(friction, 1e-12)) / (1 + relative)
-        # A joint without dry friction has none to be assisted.
-        return np.where(friction > 0, bound, 1.0)
+    def _uncertainty(self, identification: Any) -> tuple[Floats, Floats, Floats]:
+        """Dry friction (n,), deviation of gravity (n,) [N m], relative deviation of friction."""
+        n = self.arm.n
+        friction = np.array(self.rig.drive.joint_coulomb(np.zeros(n)))
+        relative = np.full(n, self.settings.friction)
+        fit = None if identification is None else identification.fit
+        if fit is None or fit.covariance is None:
+            # The weight is wrong as a whole: the share of the largest torque that it causes.
+            gravity = self.arm.dynamics.gravity
+            torques = np.array([gravity(pose, self.arm.f).full()[:, 0] for pose in self.poses()])
+            return friction, self.settings.gravity * np.abs(torques).max(axis=0), relative
+        for i in range(n):
+            name = f"drive.coulomb[{i}]"
+            if name in fit.unknown and self.rig.drive.coulomb[i] > 0:
+                deviation = fit.std[fit.unknown.index(name)]
+                relative[i] = self.settings.deviations * deviation / self.rig.drive.coulomb[i]
+        return friction, self.settings.deviations * self._gravity_deviation(fit), relative
 
     def _gravity_deviation(self, fit: Any) -> Floats:
         """Largest standard deviation (n,) of the gravity torque over the poses [N m]."""
@@ -181,7 +193,8 @@ class Float(ModelLaw):
         centre = rig.cell_centre(pulses)
 
         # 1. Predict. The speed leaks: a joint that gives no counts is at rest.
-        speed = before.speed * ca.exp(-dt / self.leak)
+        decay = ca.exp(-dt / self.leak)
+        speed = before.speed * decay
         predicted = ca.if_else(before.begun > 0, before.position + dt * speed, centre)
 
         # 2. Correct by what lies outside the counted cell.
@@ -191,14 +204,17 @@ class Float(ModelLaw):
         pole = ca.exp(-self.settings.observer * dt)
         position = predicted + (1 - pole**2) * outside
         speed = speed + (1 - pole) ** 2 * outside / dt
+        # In a steady motion the leaking speed stays behind by this factor.
+        steady = speed * (decay + (1 - decay) * (1 + pole) / (1 - pole))
 
         # 3. Assist up to the largest speed, and brake above it.
         begins = 2 * self.settings.cells * half_cell / self.leak
-        excess = ca.fmax(ca.fabs(speed) - self.speed, 0)
+        excess = ca.fmax(ca.fabs(steady) - self.speed, 0)
         share = ca.fmax(1 - excess / (self.settings.taper * self.speed), 0)
-        viscous = self.rig.drive.joint_viscous(speed)
-        friction = self.rig.drive.joint_coulomb(speed) * ca.tanh(speed / begins) + viscous * speed
-        brake = viscous * ca.sign(speed) * excess
+        viscous = self.rig.drive.joint_viscous(steady)
+        coulomb = self.rig.drive.joint_coulomb(steady) * ca.tanh(steady / begins)
+        friction = coulomb + viscous * steady
+        brake = viscous * ca.sign(steady) * excess
         acting = self.assist * share * friction - brake
 
         # 4. Gravity, at the place that the observer knows better than the count.

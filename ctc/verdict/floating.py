@@ -78,7 +78,7 @@ class FloatVerdict(Shown, Frozen):
     >>> from plant import puma560
     >>> from ctc import Float, evaluate_float
     >>> arm, rig = puma560.arm(), puma560.rig()
-    >>> verdict = evaluate_float(arm, Float(arm, rig, assist=0.5))
+    >>> verdict = evaluate_float(arm, Float(arm, rig, assist=0.4))
     >>> bool(abs(verdict.floating).max() < abs(verdict.limp).max())
     True
     """
@@ -148,7 +148,7 @@ def evaluate_float(
     >>> from plant import puma560
     >>> from ctc import Float, evaluate_float
     >>> arm, rig = puma560.arm(), puma560.rig()
-    >>> evaluate_float(arm, Float(arm, rig, assist=0.5)).drift.shape
+    >>> evaluate_float(arm, Float(arm, rig, assist=0.4)).drift.shape
     (20, 2)
     """
     instance("law", law, Float, "Give ctc.Float.")

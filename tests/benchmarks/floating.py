@@ -4,8 +4,13 @@
 
 Arms, friction and truths are those of `servos.py`. The hand is a spring and a damper between the
 tool and a point that moves on a line, +-6 cm at up to 0.15 m/s (YAM: +-10 cm, 0.2 m/s), along x, y
-and z. A cell has the RMS and the peak of its force [N]; the counts that the joints move in 1.5 s
-after the hand lets go where it turns back, and their speed in the last half second [counts/s].
+and z, all within the reach of the arm. It lets go where it turns back: at once, while the arm still
+moves, and after it has stopped for half a second. Columns: RMS and peak of its force [N], over the
+three lines and along each; counts that a joint moves in the 1.5 s after the hand lets go, of an arm
+at rest and of one in motion; its speed in the last half second [counts/s].
+
+What the law knows of gravity and friction is stated as an identification leaves it (`KNOWN`); of a
+bare arm it assumes 5 % and 30 %.
 
 SO-101: limp is a servo whose torque is switched off, without back-EMF. The law sends duties (100 Hz)
 or goals at P = 8. YAM: torques in frames with kp = kd = 0, at 500 Hz.
@@ -18,7 +23,6 @@ import warnings
 import mujoco
 import numpy as np
 from servos import (
-    POSE,
     SERVO_GAIN,
     SO101,
     YAM,
@@ -31,12 +35,18 @@ from servos import (
     yam,
 )
 
-from ctc import Float
+from ctc import Float, FloatSettings
 from plant import PositionServo
 
 # Of the hand [N/m], [N s/m].
 SPRING, DAMPER = 150.0, 10.0
 RELEASE = 1.5  # time after it that is simulated [s]
+PAUSE = 0.5  # time for which the hand holds the arm before it lets go [s]
+
+KNOWN = FloatSettings(gravity=0.005, friction=0.1)
+
+# The wrist is bent: a stretched arm cannot follow a line along x.
+HAND_POSE = np.array([0.0, -0.3, 0.0, 1.2, 0.0])
 
 
 @dataclasses.dataclass
@@ -54,7 +64,6 @@ class Hand:
         mujoco.mj_forward(self.machine.model, data)
         self.body = self.machine.model.nbody - 1
         self.start = self.tool()
-        self.forces = []
 
     def tool(self):
         data = self.machine.data
@@ -75,14 +84,15 @@ class Hand:
         force = SPRING * (place - tool) + DAMPER * (pace - jacobian @ data.qvel)
         data.xfrc_applied[self.body, :3] = force
         data.xfrc_applied[self.body, 3:] = np.cross(tool - data.xipos[self.body], force)
-        self.forces.append(np.linalg.norm(force))
+        return np.linalg.norm(force)
 
     def release(self):
         self.machine.data.xfrc_applied[:] = 0
 
 
-def guided(make, law, hand_of, pose, seconds, gain=None):
+def guided(make, law, hand_of, pose, seconds, gain=None, pause=0.0):
     """Forces (K,) [N], counts moved after the release (n,), and speed [counts/s] at the end (n,)."""
+    forces = []
     machine = make()
     machine.place(pose, np.zeros(len(pose)))
     hand = hand_of(machine)
@@ -93,7 +103,7 @@ def guided(make, law, hand_of, pose, seconds, gain=None):
     # It lets go where it turns back, at either end of its line.
     half = np.pi * hand.reach / hand.speed
     end = half * (0.5 + max(2, int(seconds / half)))
-    for k in range(round((end + RELEASE) / period)):
+    for k in range(round((end + pause + RELEASE) / period)):
         read = machine.counts
         counts.append(read)
         goal = torque = np.zeros(len(pose))
@@ -104,30 +114,37 @@ def guided(make, law, hand_of, pose, seconds, gain=None):
         for j in range(round(period / (steps * machine.step))):
             time = k * period + j * steps * machine.step
             if time < end:
-                hand.hold(time)
+                forces.append(hand.hold(time))
+            elif time < end + pause:
+                hand.hold(end)
             else:
                 hand.release()
             applied = torque if gain is None else gain * (goal - machine.counts)
             for _ in range(steps):
                 machine.advance(applied)
     counts = np.array(counts)
-    released = round(end / period)
+    released = round((end + pause) / period)
     late = round(0.5 / period)
     return (
-        np.array(hand.forces[len(hand.forces) // 8 :]),
+        np.array(forces[len(forces) // 8 :]),
         counts[-1] - counts[released],
         np.abs(counts[-1] - counts[-late]) / 0.5,
     )
 
 
-def cell(results):
-    forces = np.concatenate([forces for forces, _, _ in results])
-    moved = max(np.abs(moved).max() for _, moved, _ in results)
-    speed = max(speed.max() for _, _, speed in results)
+def rms(forces):
+    return np.sqrt(np.mean(forces**2))
+
+
+def cell(moving, resting):
+    """Cells of a row: results of the three lines, released in motion and at rest."""
+    forces = [forces for forces, _, _ in moving]
+    of_all = np.concatenate(forces)
     return [
-        f"{np.sqrt(np.mean(forces**2)):.2f} / {forces.max():.1f}",
-        f"{moved:.0f}",
-        f"{speed:.0f}",
+        f"{rms(of_all):.2f} / {of_all.max():.1f}",
+        ", ".join(f"{rms(force):.2f}" for force in forces),
+        *(f"{max(np.abs(way).max() for _, way, _ in results):.0f}" for results in (resting, moving)),
+        f"{max(speed.max() for _, _, speed in (*moving, *resting)):.0f}",
     ]
 
 
@@ -139,13 +156,31 @@ def rows_of(make, cases, hand_of, pose, seconds):
         def machine(mass=mass, coulomb=coulomb, limp=law is None):
             return make((mass, coulomb, 1.0, 1.0, 0.0, 0.0), limp)
 
-        results = [guided(machine, law, hand_of(axis), pose, seconds, gain) for axis in range(3)]
-        rows.append((name, cell(results)))
+        moving, resting = (
+            [guided(machine, law, hand_of(axis), pose, seconds, gain, pause) for axis in range(3)]
+            for pause in (0.0, PAUSE)
+        )
+        rows.append((name, cell(moving, resting)))
         print(rows[-1], flush=True)
     return rows
 
 
-COLUMNS = ["hand force, rms / peak [N]", "moved after release [counts]", "at the end [counts/s]"]
+COLUMNS = [
+    "hand force, RMS / peak [N]",
+    "RMS along x, y, z",
+    "moved after release at rest",
+    "in motion [counts]",
+    "at the end [counts/s]",
+]
+
+
+def bare(arm, rig):
+    """What `Float` says of an arm without identification."""
+    try:
+        Float(arm, rig)
+    except ValueError as refusal:
+        return str(refusal)
+    return "accepted"
 
 
 def run_so101(seconds):
@@ -159,19 +194,20 @@ def run_so101(seconds):
     goals = dataclasses.replace(rig, inner=PositionServo(gain=gain))
     cases = [
         ("limp", None, None, 1.0, 1.0),
-        ("duties, gravity alone", Float(arm, rig, assist=0.0), None, 1.0, 1.0),
-        ("duties, assist 0.7", Float(arm, rig), None, 1.0, 1.0),
-        ("goals at P = 8, assist 0.7", Float(arm, goals), gain, 1.0, 1.0),
-        ("duties, assist 0.7, 5 % heavier", Float(arm, rig), None, 1.05, 1.0),
-        ("goals, assist 0.7, 5 % heavier", Float(arm, goals), gain, 1.05, 1.0),
-        ("duties, assist 0.7, friction x 0.7", Float(arm, rig), None, 1.0, 0.7),
-        ("goals, assist 0.7, friction x 0.7", Float(arm, goals), gain, 1.0, 0.7),
+        ("duties, gravity alone", Float(arm, rig, assist=0.0, settings=KNOWN), None, 1.0, 1.0),
+        ("duties, assist 0.7", Float(arm, rig, settings=KNOWN), None, 1.0, 1.0),
+        ("goals at P = 8, assist 0.7", Float(arm, goals, settings=KNOWN), gain, 1.0, 1.0),
+        ("duties, assist 0.7, 5 % heavier", Float(arm, rig, settings=KNOWN), None, 1.05, 1.0),
+        ("goals, assist 0.7, 5 % heavier", Float(arm, goals, settings=KNOWN), gain, 1.05, 1.0),
+        ("duties, assist 0.7, friction x 0.7", Float(arm, rig, settings=KNOWN), None, 1.0, 0.7),
+        ("goals, assist 0.7, friction x 0.7", Float(arm, goals, settings=KNOWN), gain, 1.0, 0.7),
     ]
 
     def hand_of(axis):
         return lambda machine: Hand(machine, np.array([-0.0079, 0, -0.098]), axis, 0.06, 0.15)
 
-    table("SO-101 in the hand, 100 Hz", COLUMNS, rows_of(make, cases, hand_of, POSE, seconds))
+    table("SO-101 in the hand, 100 Hz", COLUMNS, rows_of(make, cases, hand_of, HAND_POSE, seconds))
+    print("\nA bare SO-101:", bare(arm, rig))
 
 
 def run_yam(seconds):
@@ -181,16 +217,17 @@ def run_yam(seconds):
     arm, rig = believed(yam("S0"), YAM, 0.002, None, gear=YAM_GEARS)
     cases = [
         ("limp", None, None, 1.0, 1.0),
-        ("gravity alone", Float(arm, rig, assist=0.0), None, 1.0, 1.0),
-        ("assist 0.7", Float(arm, rig), None, 1.0, 1.0),
-        ("assist 0.7, 5 % heavier", Float(arm, rig), None, 1.05, 1.0),
-        ("assist 0.7, friction x 0.7", Float(arm, rig), None, 1.0, 0.7),
+        ("gravity alone", Float(arm, rig, assist=0.0, settings=KNOWN), None, 1.0, 1.0),
+        ("assist 0.7", Float(arm, rig, settings=KNOWN), None, 1.0, 1.0),
+        ("assist 0.7, 5 % heavier", Float(arm, rig, settings=KNOWN), None, 1.05, 1.0),
+        ("assist 0.7, friction x 0.7", Float(arm, rig, settings=KNOWN), None, 1.0, 0.7),
     ]
 
     def hand_of(axis):
         return lambda machine: Hand(machine, np.array([0, 0, 0.1347]), axis, 0.1, 0.2)
 
     table("YAM in the hand, 500 Hz", COLUMNS, rows_of(make, cases, hand_of, YAM_POSE, seconds))
+    print("\nA bare YAM:", bare(arm, rig))
 
 
 PARTS = {"so101": run_so101, "yam": run_yam}

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from servos import GAIN, VISCOUS, arm, dynamics, rig
 
-from ctc import ComputedTorque, FeedForward, Float, evaluate, evaluate_float
+from ctc import ComputedTorque, FeedForward, Float, FloatSettings, evaluate, evaluate_float
 from plant import (
     PD,
     Elasticity,
@@ -134,9 +134,10 @@ def test_overload_protection_stops_the_law_with_a_named_joint():
 # -- 4. float --------------------------------------------------------------------------------------
 def test_float_refuses_what_could_drive_itself_and_rests_otherwise():
     loop = rig(inner=None)
-    with pytest.raises(ValueError, match=r"assist must be at most 0\.77"):
-        Float(ARM, loop, assist=1.1)
-    law = Float(ARM, loop, assist=0.7)
+    known = FloatSettings(gravity=0.005)
+    with pytest.raises(ValueError, match=r"assist must be at most 0\.7[0-6]"):
+        Float(ARM, loop, assist=1.1, settings=known)
+    law = Float(ARM, loop, assist=0.7, settings=known)
     # Gravity 5 % and friction 15 % off, one standard deviation: some creep, and none runs away.
     drift = np.abs(evaluate_float(ARM, law).drift)
     assert np.mean(drift.max(axis=1) <= 1) >= 0.9
@@ -145,7 +146,7 @@ def test_float_refuses_what_could_drive_itself_and_rests_otherwise():
 
 @pytest.mark.parametrize("share", [0.7, 0.9])
 def test_float_with_less_friction_than_the_model_comes_to_rest(share):
-    law = Float(ARM, rig(inner=None), assist=0.7)
+    law = Float(ARM, rig(inner=None), assist=0.7, settings=FloatSettings(gravity=0.005))
     true = rig(inner=None, coulomb=share * 0.052, viscous=0.9 * VISCOUS)
     here = Harmonics(period=2.0, offset=(0.3, -0.2), cosine=((0,), (0,)), sine=((0,), (0,)))
     begin = ((0.3, -0.2), (0.5, -0.5))

@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from ctc import ComputedTorque, Float, evaluate_float
+from ctc import ComputedTorque, Float, FloatSettings, evaluate_float
 from identification import identify
 from plant import Harmonics, puma560, simulate
 
@@ -14,6 +14,8 @@ RIG = puma560.rig()
 POSE = np.array([0.3, 0.4])
 ZERO = np.zeros((2, 1))
 HERE = Harmonics(period=4.0, offset=POSE, cosine=ZERO, sine=ZERO)
+# As after an identification.
+KNOWN = FloatSettings(gravity=0.005)
 COULOMB = RIG.drive.joint_coulomb(np.zeros(2))
 
 
@@ -26,14 +28,14 @@ def released(law, *, speed=0.5, gravity=1.0, friction=1.0, duration=3.0):
 
 
 def test_an_arm_at_rest_stays_where_it_is():
-    record = released(Float(ARM, RIG), speed=0.0)
+    record = released(Float(ARM, RIG, settings=KNOWN), speed=0.0)
     assert (record.counts == record.counts[0]).all()
 
 
 @pytest.mark.parametrize(("assist", "gravity"), [(0.0, 1.02), (0.5, 1.02), (0.65, 1.0)])
 def test_a_released_arm_comes_to_rest(assist, gravity):
     """Friction is 30 % below that of the model, and gravity is off."""
-    record = released(Float(ARM, RIG, assist=assist), gravity=gravity, friction=0.7)
+    record = released(Float(ARM, RIG, assist=assist, settings=KNOWN), gravity=gravity, friction=0.7)
     assert (record.counts[-500:] == record.counts[-1]).all()
 
 
@@ -50,7 +52,7 @@ def torques(law, speed, moving, resting):
 
 def test_the_assistance_is_that_share_of_friction_and_ends_with_the_motion():
     speed = np.array([0.4, -0.3])
-    law = Float(ARM, RIG, assist=0.6)
+    law = Float(ARM, RIG, assist=0.6, settings=KNOWN)
     samples = round(3 * law.leak / RIG.period)
     rows = torques(law, speed, samples, 2 * samples)
     friction = COULOMB * np.sign(speed) + RIG.drive.joint_viscous() * speed
@@ -60,15 +62,46 @@ def test_the_assistance_is_that_share_of_friction_and_ends_with_the_motion():
 
 def test_beyond_its_speed_the_law_brakes():
     speed = np.array([1.0, 1.0])
-    law = Float(ARM, RIG, assist=0.7, speed=0.5)
+    law = Float(ARM, RIG, assist=0.7, speed=0.5, settings=KNOWN)
     rows = torques(law, speed, 300, 0)
     assert (rows[-1] < 0).all()
 
 
 @pytest.mark.parametrize("assist", [0.8, 1.1])
 def test_an_assistance_that_could_drive_the_arm_is_refused(assist):
-    with pytest.raises(ValueError, match=r"assist must be at most 0\.77"):
-        Float(ARM, RIG, assist=assist)
+    with pytest.raises(ValueError, match=r"assist must be at most 0\.7[56]"):
+        Float(ARM, RIG, assist=assist, settings=KNOWN)
+
+
+def test_a_bare_arm_may_be_five_percent_heavier():
+    """The bound (1 - dg / F) / (1 + s) with dg of the heaviest pose: both sides of it."""
+    weight = np.array([ARM.dynamics.gravity(q, ARM.f).full()[:, 0] for q in Float(
+        ARM, RIG, assist=0.1
+    ).poses()])  # fmt: skip
+    bound = ((1 - 0.05 * np.abs(weight).max(axis=0) / COULOMB) / 1.3).min()
+    assert Float(ARM, RIG, assist=bound - 1e-6).assist > 0.5
+    with pytest.raises(ValueError, match="assist must be at most"):
+        Float(ARM, RIG, assist=bound + 1e-6)
+
+
+@pytest.mark.parametrize("assist", [0.0, 0.5])
+def test_an_arm_that_its_friction_may_not_hold_is_refused(assist):
+    """Of a joint whose weight is 5 % wrong by more than its friction nothing is accepted."""
+    drive = dataclasses.replace(RIG.drive, coulomb=0.1 * RIG.drive.coulomb)
+    light = dataclasses.replace(RIG, drive=drive)
+    with pytest.raises(ValueError, match=r"must be known within its dry friction, 1\.3 N m"):
+        Float(ARM, light, assist=assist)
+    assert Float(ARM, light, assist=assist, settings=KNOWN).assist == assist
+
+
+@pytest.mark.parametrize("share", [0.7, 1.0])
+def test_with_less_friction_than_the_model_nothing_runs_away(share):
+    """A thousand samples after a push: the speed never grows."""
+    law = Float(ARM, RIG, assist=0.7, settings=KNOWN)
+    record = released(law, friction=share, duration=1000 * RIG.period)
+    ways = np.abs(np.diff(record.counts[::100], axis=0))
+    assert (np.diff(ways, axis=0) <= 1).all()
+    assert len(record.counts) >= 1000
 
 
 def test_what_an_identification_leaves_open_lowers_the_bound():
