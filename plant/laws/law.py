@@ -284,9 +284,9 @@ class Law(Part, abc.ABC):
             The rig that the controller drives; by default the law's own.
         name : str
             Of files and functions; small letters, digits and underscores.
-        output : {"torque", "dac", "goal"}
-            Joint torque [N m], counts of the converter that commands the motor currents, or goals
-            of the servos of `PositionServo` [counts], which need ``guards=None``.
+        output : {"torque", "dac", "goal", "frame"}
+            Joint torque [N m], counts of the converter that commands the motor currents, goals of a
+            `PositionServo` [counts], or the five fields of a `MitDrive`, (5, n) row by row.
         counts_per_ampere : (n,) array_like, optional
             Gain of that converter, with the sign of its wiring. The output is rounded to whole
             counts, within +- `largest_count`.

@@ -217,12 +217,11 @@ class MitDrive(InnerLoop, Law):
         tau = self._rounded(torque - less, end.tau, 4, rig)
         return Frame(rig.position_in_pulses(angle) - rig.encoder.centre, speed, tau)
 
-    def values(self, rig: Rig, pulses: Floats, qd: Floats, torque: Floats) -> Floats:
-        """The five fields (5, n): q, qd, kp, kd, tau."""
-        q = rig.to_angle(pulses + rig.encoder.centre)
-        return np.array(
-            [q, qd, *(np.broadcast_to(gain, rig.n) for gain in (self.kp, self.kd)), torque]
-        )
+    def values(self, rig: Rig, frame: Frame) -> ca.SX:
+        """The five fields (5 n, 1): q, qd, kp, kd, tau of all joints."""
+        q = rig.to_angle(frame.pulses + rig.encoder.centre)
+        one = ca.SX.ones(rig.n)
+        return ca.vertcat(q, frame.qd, one * self.kp, one * self.kd, frame.torque)
 
     def _rounded(self, value: ca.SX, end: Floats, field: int, rig: Rig) -> ca.SX:
         """A value as its field has it: within its ends, at the nearest of its steps."""

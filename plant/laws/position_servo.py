@@ -9,7 +9,7 @@ from plant.machine.encoder import nearest
 from plant.machine.inner_loop import Frame, InnerLoop
 from plant.machine.rig import Rig
 from plant.parts.arguments import array, signs
-from plant.parts.fields import Floats, Vector
+from plant.parts.fields import Vector
 from plant.parts.part import number, part, structure
 from plant.parts.vector import Fields, per_joint, scalars
 
@@ -155,9 +155,9 @@ class PositionServo(InnerLoop, Law):
         zero = ca.SX.zeros(rig.n)
         return Frame(goal if rig.encoder.smooth else nearest(goal), zero, zero)
 
-    def values(self, rig: Rig, pulses: Floats, qd: Floats, torque: Floats) -> Floats:
-        """The goals (n,) [counts]."""
-        return pulses
+    def values(self, rig: Rig, frame: Frame) -> ca.SX:
+        """The goals (n, 1) [counts]."""
+        return frame.pulses
 
     def _per_radian(self, rig: Rig) -> Any:
         """Motor torque on the shaft of one pulse per angle: both cross the gear."""

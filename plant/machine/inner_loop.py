@@ -13,7 +13,6 @@ from typing import Any, NamedTuple, Self
 import casadi as ca
 import numpy as np
 
-from plant.parts.fields import Floats
 from plant.parts.part import Part, declared
 
 
@@ -56,8 +55,8 @@ class InnerLoop(Part, abc.ABC):
         """
 
     @abc.abstractmethod
-    def values(self, rig: Any, pulses: Floats, qd: Floats, torque: Floats) -> Floats:
-        """A frame (n,) each as the bus takes it."""
+    def values(self, rig: Any, frame: Frame) -> ca.SX:
+        """A frame as the bus takes it: the rows of `Running.goal` or `.frame`, one below another."""
 
     def added(self, rig: Any, q: ca.SX, qd: ca.SX, frame: Frame) -> ca.SX:
         """Joint torque (n, 1) [N m] of a frame on a joint that is on its reference q, qd."""

@@ -18,6 +18,7 @@ import casadi as ca
 
 from plant.compiler.c_statements import braced, constant, helpers, literal, paragraph, statements
 from plant.compiler.instructions import STATE, TIME, UNIFORM
+from plant.machine.inner_loop import Frame
 from plant.machine.rig import Rig
 from plant.parts.arguments import instance
 from plant.parts.kinds import meanings
@@ -67,7 +68,7 @@ def write_c(
 def _values(law, rig, output, without, controller):
     """Values of the templates for a law alone."""
     block = law.block(rig)
-    if not output.goals:
+    if output.sends is None:
         block.require_torque("the C of a law")
     n = rig.n
     period = block.period or rig.period
@@ -78,8 +79,8 @@ def _values(law, rig, output, without, controller):
     # 1. The results of a step. The state stores the output, too, to repeat it after a torque that
     # is not finite; without a conversion it is the torque itself.
     stored = "counts" if output.scale is not None else "given" if without else "torque"
-    stored = "goal" if output.goals else stored
-    outputs = n if stored != "torque" else 0
+    stored = output.sends or stored
+    outputs = output.size(n) if stored != "torque" else 0
     arrays = []
     results = iter(results)
     for quantity, kind, size in (
@@ -115,8 +116,8 @@ def _values(law, rig, output, without, controller):
         start = f"static const double state[{states}] = {braced(block.initial)};\n"
     memory = (
         ("torque", n, "0.0", "torque_now"),
-        # A goal of 0 would be a place; no servo takes this one.
-        (stored, outputs, "INT32_MIN" if output.goals else "0", f"{stored}_now"),
+        # A goal of 0 would be a place; no servo takes this one. A frame of zeros is limp.
+        (stored, outputs, "INT32_MIN" if output.sends == "goal" else "0", f"{stored}_now"),
         ("state", states, "state[i]", "following"),
     )
     initial = (each(size, f"self->{field}[i] = {begin};") for field, size, begin, _ in memory)
@@ -127,7 +128,9 @@ def _values(law, rig, output, without, controller):
         constant("period", period, "From one step to the next [s].") if "period" in used else ""
     )
     numbers = filter(None, (constants(law, rig, used), timing, output.constant))
-    values = {"n": n, **output.values}
+    values = {"n": n, "size": output.size(n), **output.values}
+    if output.sends == "goal":
+        values["meaning"] += "; INT32_MIN before the first step that gave 0"
     step = {
         "lines": textwrap.indent(body, "    "),
         "check": each(states, "sound = sound && isfinite(following[i]);"),
@@ -181,14 +184,15 @@ def _step(law, block, rig, output, without):
     asked, following = block.step(state, q, qd, qdd, named.counts(q), pulses, torque, dt, numbers)
     # The state keeps the limited torque, which acts; the firmware's part is subtracted from the
     # output alone.
-    limited = named.drive.limited(asked)
+    limited = named.limited(asked)
     own_law = law.with_numbers(numbers[: len(block.names) - rig_numbers])
     converted = limited - model_part(own_law, named, without, (named.cell_centre(pulses), qd, qdd))
     results = [asked, limited, following]
-    if output.goals:
-        # As of `Running.goal`: the frame by which the torque acts beside the reference.
-        frame = block.sent(q, qd, qdd, pulses, limited, numbers)
-        results.append(frame[:n])
+    if output.sends is not None:
+        # As of `Running`: the frame by which the torque acts beside the reference.
+        inner = own_law.rig_of_frames(named).inner
+        frame = Frame(*ca.vertsplit(block.sent(q, qd, qdd, pulses, limited, numbers), n))
+        results.append(inner.values(named, frame))
     elif output.scale is not None or without:
         results.append(output.converted(factor, named, converted))
     # Dense results keep their number and order where some are zero for every input.

@@ -44,7 +44,7 @@ from plant.realtime.memory import (
     Layout,
     view,
 )
-from plant.realtime.pieces import RAMP, Piece, pieces_of
+from plant.realtime.pieces import RAMP, Piece, pieces_of, sent_by
 from plant.realtime.status import wording
 
 # Prefix of every function's name: C's library has a read, and a finite.
@@ -207,21 +207,27 @@ def values_of(
 ) -> dict[str, Any]:
     """Values of the templates for a running controller."""
     block = law.block(rig)
-    # A law above an inner loop may have no torque of its own.
-    block.require_torque("the C of a controller with guards")
+    if output.sends is None:
+        # The torque beside a goal or a frame is no torque of a motor.
+        block.require_torque("the C of a controller with guards")
     layout = Layout.of(block, rig.n)
     vector = initial_memory(law, rig, block, guards)
     pieces = pieces_of(law, rig, block, without)
     memory = f"{name}_state *memory"
     # 1. The functions of law, rig and output, from casadi.
     functions = [_function(piece, pieces[piece], memory, layout) for piece in pieces]
-    body = "\n".join([*functions, _giving(output, law, rig, memory, layout)])
+    if output.sends is None:
+        giving = _giving(output, law, rig, memory, layout)
+    else:
+        giving = _sending(output, sent_by(law, rig, block, guards), memory, layout)
+    body = "\n".join([*functions, giving])
     limits = "guards and stop" if guards is not None else "stop, without guards"
     about = f"{type(law).__name__}, with the {limits} of the running controller. {sides(without)}"
     # 2. The values that the fixed parts of the running controller need, too.
     n = rig.n
     values: dict[str, Any] = output.values | target.values
     values |= {"name": name, "n": n, "prefix": PREFIX, "ramp": literal(RAMP)}
+    values |= {"size": output.size(n)}
     passed = values["passed"]
     sizes = f"#define N {n}\n#define STATES {layout.states}\n"
     # 3. The parts that differ from those of a law alone.
@@ -258,7 +264,7 @@ _START = """\
     static const {name}_state initial = {initial};
     *self = initial;
     for (int i = 0; i < N; i++)
-        self->joints[i].counts = (double)pulses[i];
+        self->joints[i].counts = self->joints[i].held_counts = (double)pulses[i];
 """
 
 _STEP = """\
@@ -333,6 +339,19 @@ def _giving(output: Output, law: Any, rig: Rig, memory: str, layout: Layout) -> 
     # The memory is an argument, since the converter uses numbers of the rig.
     head = f"give(const {memory}, const double *torque, {output.kind} *given)"
     return output.constant + _defined(head, body)
+
+
+def _sending(output: Output, piece: Piece, memory: str, layout: Layout) -> str:
+    """The function that converts torque and reference to goals or frames."""
+    inputs = [
+        [(expression, STATE) for _, expression in layout.components(source)]
+        for source in piece.sources
+    ]
+    lines, values, _ = statements(piece.function, inputs)
+    # The memory has the torque, with the part that the firmware adds.
+    body = ["(void)torque;", *lines[UNIFORM], *lines[STATE]]
+    body += [f"given[{i}] = ({output.kind})({value});" for i, value in enumerate(values)]
+    return _defined(f"give(const {memory}, const double *torque, {output.kind} *given)", body)
 
 
 def _defined(head: str, body: Iterable[str]) -> str:

@@ -236,34 +236,42 @@ def _free_folder(destination: str | Path, files: Iterable[str], name: str) -> Pa
     return folder
 
 
-class Output(NamedTuple):
-    """Output of a controller in C: joint torques, counts of a converter, or goals of servos.
+# The inner loop that takes an output.
+_INNER = {"goal": "PositionServo", "frame": "MitDrive"}
 
-    `scale` (n,) [1/A] and the `largest` count belong to the converter. `goals`: whether they are
-    goals.
+# q, qd, kp, kd, tau
+FRAME_ROWS = 5
+
+
+class Output(NamedTuple):
+    """Output of a controller in C: joint torques, counts of a converter, goals or frames.
+
+    `scale` (n,) [1/A] and the `largest` count belong to the converter. `sends`: "goal" or "frame".
     """
 
     scale: Floats | None
     largest: float
-    goals: bool = False
+    sends: str | None = None
 
     @classmethod
     def of(
         cls, law: Any, rig: Rig, output: str, counts_per_ampere: Any, largest_count: int
     ) -> Self:
         """From the arguments of `Law.to_c`; refuse a converter below the amplifier's limit."""
-        choice("output", output, ("torque", "dac", "goal"))
-        if output == "goal" and (rig.inner is None or rig.inner.sends != "goal"):
+        choice("output", output, ("torque", "dac", *_INNER))
+        if output in _INNER and (rig.inner is None or rig.inner.sends != output):
             kind = "none" if rig.inner is None else type(rig.inner).__name__
+            choose = "torque" if rig.inner is None else rig.inner.sends
             raise ValueError(
-                "output='goal' needs a rig whose inner loop takes goals, a PositionServo; this one"
-                f" has {kind}. Choose output='torque', or state inner=."
+                f"output={output!r} needs a rig whose inner loop takes {output}s, a"
+                f" {_INNER[output]}; this one has {kind}. Choose output={choose!r}, or state"
+                " inner=."
             )
         if output != "dac":
             if counts_per_ampere is not None:
                 rule = f"be left out for output={output!r}; got one"
                 raise ValueError(f"counts_per_ampere must {rule}. Choose output='dac'.")
-            return cls(None, largest_count, output == "goal")
+            return cls(None, largest_count, output if output in _INNER else None)
         advice = "Give one number per joint, with the sign of its wiring."
         scale = array("counts_per_ampere", counts_per_ampere, (rig.n,), advice=advice)
         if (scale == 0).any():
@@ -287,15 +295,24 @@ class Output(NamedTuple):
 
     @property
     def kind(self) -> str:
-        return "double" if self.scale is None and not self.goals else "int32_t"
+        return "double" if self.scale is None and self.sends != "goal" else "int32_t"
+
+    def size(self, n: int) -> int:
+        """Numbers of the output for n joints."""
+        return FRAME_ROWS * n if self.sends == "frame" else n
 
     @property
     def values(self) -> dict[str, str]:
         """Values of the templates that depend on the output."""
         whole = {"type": self.kind, "format": '%" PRId32 "'}
-        if self.goals:
-            meaning = "of the servos [counts]; INT32_MIN before the first step that gave 0"
-            return {"output": "goal", "meaning": meaning, **whole}
+        if self.sends == "goal":
+            return {"output": "goal", "meaning": "of the servos [counts]", **whole}
+        if self.sends == "frame":
+            meaning = (
+                "of the drives, as their fields round them: q of all joints, then qd, kp, kd, tau"
+                " (SI)"
+            )
+            return {"output": "frame", "type": self.kind, "format": "%.17g", "meaning": meaning}
         if self.scale is None:
             meaning = "of the joints, after the amplifier's limit [N m]"
             return {"output": "torque", "type": self.kind, "format": "%.17g", "meaning": meaning}

@@ -83,6 +83,7 @@ JOINT_FIELDS = {
     # Counts
     "counts": "count that the law gets",
     "previous_counts": "count of the call before",
+    "held_counts": "count of the last call in which the law gave the torque",
     "expected": "count of this call after the guard of the counts",
     "raw_counts": "count as it was read",
     "offset": "counts that a counter has lost",

@@ -17,9 +17,10 @@ from typing import Any, NamedTuple
 
 import casadi as ca
 
+from plant.machine.inner_loop import Frame
 from plant.machine.rig import Rig
 from plant.realtime.calls import PIECES
-from plant.realtime.guards import WINDOW
+from plant.realtime.guards import WINDOW, Guards
 from plant.realtime.memory import (
     CHATTERS,
     HOLDING,
@@ -156,6 +157,34 @@ def _piece(name: str, results: dict[str, ca.SX], memory: dict[str, ca.SX]) -> Pi
     sources = [symbol for symbol in memory if ca.depends_on(joined, memory[symbol])]
     function = ca.Function(name, [memory[symbol] for symbol in sources], outputs)
     return Piece(function, sources, list(results))
+
+
+def sent_by(law: Any, rig: Rig, block: Any, guards: Guards | None) -> Piece:
+    """What the inner loop of a rig gets of a call: the rows of `Running.goal` or `.frame`."""
+    n = rig.n
+    layout = Layout.of(block, n)
+    joints = ("q", "qd", "qdd", "counts", "held_counts", "torque")
+    memory = {
+        name: ca.SX.sym(name, len(layout.components(name)))
+        for name in ("released", "calls", *joints, "numbers")
+    }
+    numbers = memory["numbers"]
+    law_numbers = len(law.number_names())
+    rig = rig.with_numbers(numbers[law_numbers:])
+    known = law.with_numbers(numbers[:law_numbers]).rig_of_frames(rig)
+
+    # A stop without the law has no reference, and before the first call there is none yet: the
+    # servo holds its place, or goes along with the counts where a stop lets the arm go.
+    limp = guards is not None and guards.stop == "zero"
+    rest = memory["counts" if limp else "held_counts"]
+    free = ca.logic_or(memory["released"] != HOLDING, memory["calls"] == 0)
+    q = ca.if_else(free, rig.cell_centre(rest), memory["q"])
+    qd, qdd = (ca.if_else(free, 0, memory[name]) for name in ("qd", "qdd"))
+
+    # The same equations as in the simulator convert a torque to goal or frame.
+    sent = block.sent(q, qd, qdd, memory["counts"], memory["torque"], numbers)
+    frame = Frame(*ca.vertsplit(sent, n))
+    return _piece("sent", {known.inner.sends: known.inner.values(rig, frame)}, memory)
 
 
 def _needed(law, rig, motion):

@@ -8,14 +8,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from plant.machine.inner_loop import Frame
 from plant.machine.rig import Rig
 from plant.parts.arguments import choice, instance
 from plant.parts.fields import Floats
 from plant.realtime.c_running import write_running
 from plant.realtime.compiled_step import compensates_gravity, compiled
 from plant.realtime.guards import Guards, limited
-from plant.realtime.memory import HOLDING, RUNNING, view
+from plant.realtime.memory import RUNNING, Layout, view
+from plant.realtime.pieces import sent_by
 from plant.realtime.status import ARGUMENTS, RunLog, Status, clock, numbers, refuse, whole_counts
 
 _FLOAT = np.dtype(float)
@@ -98,8 +98,13 @@ class Running:
         self._arguments = tuple(np.empty((len(ARGUMENTS), rig.n)))
         self._torque = np.empty(rig.n)
         self._log: RunLog | None = None
-        # Counts at which a stop let go of the law.
-        self._released_at: Floats | None = None
+        # What an inner loop gets of a call, and where the memory has what it depends on.
+        if block.sent is not None:
+            self._sending = sent_by(law, rig, block, guards)
+            layout = Layout.of(block, rig.n)
+            self._sent_places = [
+                [place for place, _ in layout.components(name)] for name in self._sending.sources
+            ]
         self._set(counts)
 
     def to_c(
@@ -226,9 +231,6 @@ class Running:
             refusal = self._step(*arguments, time, self._memory, self._torque)
             if refusal:
                 refuse(refusal, arguments, self.rig, self._run.now, time)
-            # A servo holds the place at which the stop began, not the last reference.
-            if self._released_at is None and self._run.released != HOLDING:
-                self._released_at = self.pulses
             if self._log is not None:
                 self._log.sample()
             return self._torque.copy()
@@ -254,11 +256,11 @@ class Running:
 
     @property
     def goal(self) -> NDArray[np.int_]:
-        return np.round(self._sent("goal")).astype(int)
+        return self._sent("goal").astype(int)
 
     @property
     def frame(self) -> Floats:
-        return self._sent("frame")
+        return self._sent("frame").reshape(-1, self.n)
 
     def _sent(self, name: str) -> Floats:
         """What an inner loop of the rig gets of the last call, by its name."""
@@ -271,17 +273,9 @@ class Running:
             raise ValueError(
                 f"{name} needs a rig with an inner loop that takes it; this one has {kind} {takes}."
             )
-        counts = self.pulses
-        motion = [self._row(field) for field in ("q", "qd", "qdd")]
-        # A stop without the law has no reference, and before the first call there is none yet.
-        if self._run.released != HOLDING or not self._run.calls:
-            limp = self.guards is not None and self.guards.stop == "zero"
-            rest = counts if limp or self._released_at is None else self._released_at
-            motion = [self.rig.cell_centre(rest), np.zeros(self.n), np.zeros(self.n)]
-        # The same equations as in the simulator convert a torque to goal or frame.
-        sent = self._block.sent(*motion, counts, self._row("torque"), self._block.values)
-        values: Floats = inner.values(self.rig, *np.split(sent.full()[:, 0], len(Frame._fields)))
-        return values
+        values = [self._memory[places] for places in self._sent_places]
+        sent: Floats = self._sending.function(*values).full()[:, 0]
+        return sent
 
     @property
     def friction(self) -> Floats:
@@ -318,7 +312,7 @@ class Running:
         # In place: the compiled step and the views hold this array.
         self._memory[:] = self._initial
         self._joints["counts"] = counts
-        self._released_at = None
+        self._joints["held_counts"] = counts
 
     def _take(self, values: tuple[Any, ...], unknown: Mapping[str, Any]) -> None:
         """Take arguments of any kind."""

@@ -137,6 +137,9 @@ def sample(pulses, q_r, qd_r, qdd_r, now, memory, torque):
     # 7. Give the torque.
     left_out(memory)
     for i, joint in enumerate(memory.joints):
+        # A servo holds this place once a stop lets go of the law.
+        if run.released == HOLDING:
+            joint.held_counts = joint.counts
         if run.released == LATCHED:
             joint.torque = 0.0
         joint.applied = joint.torque

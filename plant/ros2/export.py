@@ -8,6 +8,7 @@ trajectory are generated, too.
 import re
 from collections.abc import Iterator, Sequence
 from pathlib import Path
+from typing import Any, NamedTuple
 from xml.sax.saxutils import escape
 
 import casadi as ca
@@ -37,6 +38,97 @@ _FILES = {
 }
 
 
+class Commands(NamedTuple):
+    """What the plugin writes: interfaces of each joint, and texts of its templates."""
+
+    interfaces: tuple[str, ...]
+    rows: tuple[str, ...]
+    deactivated: str
+    on_deactivation: str
+    write: str
+
+
+_NOTHING = """\
+  const std::array<double, ROWS * JOINTS> none{};
+  const bool written = write(none.data());
+  return written ? CallbackReturn::SUCCESS : CallbackReturn::ERROR;"""
+
+# A first call with NaN is refused: then no torque acts.
+_AS_GIVEN = """\
+  if (refusal != 0) {{
+    {output}.fill(0.0);
+  }}
+  unwritten_ = write({output}.data()) ? 0 : unwritten_ + 1;"""
+
+_LIMP = "it commands zero torque: the brakes first"
+
+_COMMANDS = {
+    "torque": Commands(
+        interfaces=("effort",),
+        rows=("N m, joint side, after the amplifier's limit",),
+        deactivated=_LIMP,
+        on_deactivation=_NOTHING,
+        write=_AS_GIVEN.format(output="torque"),
+    ),
+    "goal": Commands(
+        interfaces=("position",),
+        rows=("goal of the servo: a whole count, in rad or counts (parameter `unit`)",),
+        deactivated="it writes nothing more, and the servos hold their last goals",
+        on_deactivation="  return CallbackReturn::SUCCESS;",
+        # After a refusal nothing is written, and the servos stay where they are.
+        write="""\
+  std::array<double, JOINTS> command{};
+  std::copy(goal.begin(), goal.end(), command.begin());
+  if (unit_ == "rad") {
+    const std::array<double, JOINTS> goals = command;
+    positions_of(goals.data(), command.data());
+  }
+  unwritten_ = refusal == 0 && write(command.data()) ? 0 : unwritten_ + 1;""",
+    ),
+    "frame": Commands(
+        interfaces=("position", "velocity", "stiffness", "damping", "effort"),
+        rows=(
+            "q of the MIT frame [rad], joint side",
+            "qd [rad/s]",
+            "kp [N m/rad]",
+            "kd [N m s/rad]",
+            "tau [N m], beside kp and kd",
+        ),
+        deactivated=_LIMP,
+        on_deactivation=_NOTHING,
+        write=_AS_GIVEN.format(output="frame"),
+    ),
+}
+
+
+def _command_values(commands: Commands) -> dict[str, Any]:
+    """Values of the templates for these commands."""
+    quoted = [f'"{interface}"' for interface in commands.interfaces]
+    several = len(quoted) > 1
+    parameter = "command_interfaces" if several else "command_interface"
+    value = f'get_node()->get_parameter("{parameter}")'
+    table = [
+        f"| command, written | `<joint>/{interface}` | {meaning} |"
+        for interface, meaning in zip(commands.interfaces, commands.rows, strict=True)
+    ]
+    return {
+        "rows": len(quoted),
+        "command_parameter": parameter,
+        "command_type": "std::vector<std::string>" if several else "std::string",
+        "commands": f"{{{', '.join(quoted)}}}" if several else quoted[0],
+        "commands_of_parameter": f"{value}.as_string_array()"
+        if several
+        else f"{{{value}.as_string()}}",
+        "commands_in_yaml": f"[{', '.join(commands.interfaces)}]"
+        if several
+        else commands.interfaces[0],
+        "commands_in_table": "\n".join(table),
+        "deactivated": commands.on_deactivation,
+        "deactivated_in_words": commands.deactivated,
+        "written": commands.write,
+    }
+
+
 @known_options
 def to_ros2_control(
     law: Law,
@@ -51,9 +143,10 @@ def to_ros2_control(
 ) -> None:
     """Export a control law as a ros2_control controller: a package for ROS 2 Jazzy and colcon.
 
-    It reads `position` (rad, or counts) of each joint, writes `effort` [N m], follows a
-    ``JointTrajectory`` or the controller before it, and has every guard and stop of
-    ``law.start(rig, pulses, guards=guards)``.
+    It reads `position` (rad, or counts) of each joint, follows a ``JointTrajectory`` or the
+    controller before it, and has every guard and stop of ``law.start(rig, pulses, guards=guards)``.
+    It writes `effort` [N m]; above a `PositionServo` `position`, the goal; above a `MitDrive`
+    `position`, `velocity`, `stiffness`, `damping` and `effort`, the fields of its frame.
 
     Parameters
     ----------
@@ -131,12 +224,14 @@ def to_ros2_control(
             f"law must have a rate in whole Hz, as the controller manager has; {took}."
         )
     names = _joint_names(law, rig, joints)
-    values = values_of(law, rig, guards, name, Output(None, 0), without)
+    sends = None if rig.inner is None else rig.inner.sends
+    values = values_of(law, rig, guards, name, Output(None, 0, sends), without)
+    values |= _command_values(_COMMANDS[sends or "torque"])
     # Text of the user goes into comments of C and into XML, so it is wrapped and escaped there.
     summary = (
         f"{kind} for {', '.join(names)}, with the guards and the stop of the running controller"
     )
-    functions = "\n".join(_functions(rig))
+    functions = "\n".join(_functions(rig, goals=sends == "goal"))
     functions = helpers(functions) + functions
     values |= {
         "about": f"{paragraph(summary)}\n *\n{values['about']}",
@@ -180,8 +275,8 @@ def _joint_names(law: Law, rig: Rig, joints: Sequence[str] | None) -> list[str]:
     return names
 
 
-def _functions(rig: Rig) -> Iterator[str]:
-    """Generated C of the plugin: counts of angles, angles of counts, motion between two points."""
+def _functions(rig: Rig, *, goals: bool) -> Iterator[str]:
+    """Generated C of the plugin: counts of angles and back, motion between two points."""
     n = rig.n
     q = ca.SX.sym("positions", n)
     counts = ca.SX.sym("counts", n)
@@ -193,6 +288,9 @@ def _functions(rig: Rig) -> Iterator[str]:
         ca.floor(rig.position_in_pulses(q) + 0.5),
     )
     yield _function("angles_of", [("counts", counts)], "angles", rig.cell_centre(counts))
+    if goals:
+        # As a driver makes angles of counts: without the half of a cell.
+        yield _function("positions_of", [("goals", counts)], "positions", rig.to_angle(counts))
     begun = ca.SX.sym("begun", 3)
     ended = ca.SX.sym("ended", 3)
     span = ca.SX.sym("span")

@@ -60,10 +60,10 @@ class Controller:
         self.now = 10**18
         return states
 
-    def update(self, position, period=700_000):
-        """One sample: 0 or 1 as `update` says, and the torque."""
+    def update(self, position, period=700_000, rows=1):
+        """One sample: 0 or 1 as `update` says, and the commands, `rows` of each joint."""
         self.now += period
-        torque = np.full(len(position), 7.0)
+        torque = np.full(rows * len(position), 7.0)
         return self.c.update(self.now, period, array(position), array(torque)), torque
 
     def send(self, joints, times, rows, accelerations=True, stamp=0):

@@ -27,7 +27,7 @@ $clock_meaning * $output            $meaning
 $refusal
  */
 int ${name}_step(${name}_state *self, const int32_t pulses[$n], const double q_r[$n], const double qd_r[$n],
-    const double qdd_r[$n]$clock, $type $output[$n]);
+    const double qdd_r[$n]$clock, $type $output[$size]);
 
 $other_declarations#ifdef __cplusplus
 }

@@ -1,6 +1,6 @@
 
 int ${name}_sample(${name}_state *self, const double measured[N], const double q_r[N], const double qd_r[N],
-    const double qdd_r[N]$clock, $type given[N])
+    const double qdd_r[N]$clock, $type given[$size])
 {
     double torque[N] = {0.0};
     const int refusal = (int)${prefix}sample(measured, q_r, qd_r, qdd_r, $at, self, torque);

@@ -5,6 +5,6 @@ $lines
         sound = sound && isfinite(asked[i]);
 $check    if (sound) {
 $store    }
-    for (int i = 0; i < $n; i++)
+    for (int i = 0; i < $size; i++)
         $output[i] = self->$stored[i];
     return !sound;

@@ -54,7 +54,7 @@ static void begin(${name}_state *self, const row *first)
     ${name}_init(self, first->pulses);
 }
 
-static int step(${name}_state *self, const row *now, $type $output[$n])
+static int step(${name}_state *self, const row *now, $type $output[$size])
 {
     return ${name}_step(self, now->pulses, now->motion[0], now->motion[1], now->motion[2], ${never}$output);
 }
@@ -70,7 +70,7 @@ static void begin(${name}_state *self, const row *first)
     ${name}_init(self);
 }
 
-static int step(${name}_state *self, const row *now, $type $output[$n])
+static int step(${name}_state *self, const row *now, $type $output[$size])
 {
     return ${name}_step(self, now->pulses, now->motion[0], now->motion[1], now->motion[2], $output);
 }
@@ -140,7 +140,7 @@ static int paced(const row *rows, size_t count, int64_t steps)
     const int first = !sched_setscheduler(0, SCHED_FIFO, &above), kept = !mlockall(MCL_CURRENT | MCL_FUTURE);
     int64_t bins[BINS] = {0}, least = INT64_MAX, most = 0, late = 0, longest = 0;
     ${name}_state self;
-    $type $output[$n];
+    $type $output[$size];
     const int64_t start = nanoseconds() + 10 * period;
     for (int64_t k = 0; k < steps; k++) {
         const int64_t due = start + k * period;
@@ -192,7 +192,7 @@ int main(int argc, char **argv)
 #endif
     const int timed = argc == 3 && !strcmp(argv[1], "--time");
     size_t count;
-    $type $output[$n];
+    $type $output[$size];
     ${name}_state self;
     if (argc != 2 + timed) {
         fprintf(stderr, "usage: %s [--time | --paced seconds] record.csv\n", argv[0]);
@@ -222,7 +222,7 @@ int main(int argc, char **argv)
             }
             if (stopped(&self) != before)
                 fprintf(stderr, "safe stop in row %zu: cause %d of $name.h\n", k + 1, stopped(&self));
-            for (int i = 0; i < $n; i++)
+            for (int i = 0; i < $size; i++)
                 printf("%s$format", i ? "," : "", $output[i]);
             putchar('\n');
         }

@@ -40,7 +40,7 @@ bool finite(const double * values, std::size_t count)
 template<typename Loaned>
 bool find(
   const std::vector<std::string> & joints, const std::string & interface, const std::vector<Loaned> & given,
-  std::array<std::size_t, JOINTS> & places)
+  std::size_t * places)
 {
   for (std::size_t i = 0; i < JOINTS; i++) {
     const std::string wanted = joints[i] + "/" + interface;
@@ -63,7 +63,7 @@ CallbackReturn Controller::on_init()
   try {
     auto_declare<std::vector<std::string>>("joints", {$joints});
     auto_declare<std::string>("state_interface", hardware_interface::HW_IF_POSITION);
-    auto_declare<std::string>("command_interface", hardware_interface::HW_IF_EFFORT);
+    auto_declare<$command_type>("$command_parameter", $commands);
     auto_declare<std::string>("unit", "rad");
     auto_declare<std::string>("topic", "~/joint_trajectory");
   } catch (const std::exception & error) {
@@ -87,8 +87,13 @@ std::string Controller::refused() const
   if (unit_ != "rad" && unit_ != "counts") {
     return "unit must be rad or counts; got '" + unit_ + "'. It is that of the state interfaces.";
   }
-  if (state_interface_.empty() || command_interface_.empty() || topic_.empty()) {
-    return "state_interface, command_interface and topic must not be empty. Leave them out for their defaults.";
+  const bool named = std::none_of(commands_.begin(), commands_.end(), [](const auto & name) {return name.empty();});
+  if (state_interface_.empty() || !named || topic_.empty()) {
+    return "state_interface, $command_parameter and topic must not be empty. Leave them out for their defaults.";
+  }
+  if (commands_.size() != ROWS) {
+    return "$command_parameter must have " + std::to_string(ROWS) + " names; got " + std::to_string(commands_.size()) +
+           ". Name the interface of each field.";
   }
   const double rate = get_update_rate();
   if (rate > 0.0 && std::abs(rate * ${NAME}_PERIOD - 1.0) > 1e-3) {
@@ -102,7 +107,7 @@ CallbackReturn Controller::on_configure(const rclcpp_lifecycle::State & /*previo
 {
   joints_ = get_node()->get_parameter("joints").as_string_array();
   state_interface_ = get_node()->get_parameter("state_interface").as_string();
-  command_interface_ = get_node()->get_parameter("command_interface").as_string();
+  commands_ = $commands_of_parameter;
   unit_ = get_node()->get_parameter("unit").as_string();
   topic_ = get_node()->get_parameter("topic").as_string();
   const std::string reason = refused();
@@ -123,8 +128,7 @@ CallbackReturn Controller::on_configure(const rclcpp_lifecycle::State & /*previo
 CallbackReturn Controller::on_activate(const rclcpp_lifecycle::State & /*previous_state*/)
 {
   if (
-    !find(joints_, state_interface_, state_interfaces_, state_at_) ||
-    !find(joints_, command_interface_, command_interfaces_, command_at_))
+    !find(joints_, state_interface_, state_interfaces_, state_at_.data()) || !commands_found())
   {
     RCLCPP_ERROR(get_node()->get_logger(), "an interface of a joint is missing. Check the hardware's description.");
     return CallbackReturn::FAILURE;
@@ -158,9 +162,7 @@ CallbackReturn Controller::on_activate(const rclcpp_lifecycle::State & /*previou
 
 CallbackReturn Controller::on_deactivate(const rclcpp_lifecycle::State & /*previous_state*/)
 {
-  const std::array<double, JOINTS> none{};
-  const bool written = write(none.data());
-  return written ? CallbackReturn::SUCCESS : CallbackReturn::ERROR;
+$deactivated
 }
 
 CallbackReturn Controller::on_cleanup(const rclcpp_lifecycle::State & /*previous_state*/)
@@ -174,8 +176,10 @@ controller_interface::InterfaceConfiguration Controller::command_interface_confi
 {
   controller_interface::InterfaceConfiguration wanted{
     controller_interface::interface_configuration_type::INDIVIDUAL, {}};
-  for (const std::string & joint : joints_) {
-    wanted.names.push_back(joint + "/" + command_interface_);
+  for (const std::string & command : commands_) {
+    for (const std::string & joint : joints_) {
+      wanted.names.push_back(joint + "/" + command);
+    }
   }
   return wanted;
 }
@@ -337,7 +341,8 @@ return_type Controller::update_reference_from_subscribers(
 
 return_type Controller::update_and_write_commands(const rclcpp::Time & /*time*/, const rclcpp::Duration & period)
 {
-  std::array<double, JOINTS> counts{}, torque{};
+  std::array<double, JOINTS> counts{};
+  std::array<$type, ROWS * JOINTS> $output{};
   now_ += period.seconds();
   measure(counts);
   if (!begun_ && !finite(reference_interfaces_.data(), reference_interfaces_.size())) {
@@ -351,7 +356,7 @@ return_type Controller::update_and_write_commands(const rclcpp::Time & /*time*/,
   }
   const double * q = reference_interfaces_.data();
   const int refusal =
-    ${name}_sample(&law_, counts.data(), q, q + JOINTS, q + 2 * JOINTS, now_, torque.data());
+    ${name}_sample(&law_, counts.data(), q, q + JOINTS, q + 2 * JOINTS, now_, $output.data());
   if (!begun_) {
     std::fill(reference_interfaces_.begin(), reference_interfaces_.end(), NONE);
   }
@@ -360,20 +365,27 @@ return_type Controller::update_and_write_commands(const rclcpp::Time & /*time*/,
   state_interfaces_values_[0] = ${name}_stopped(&law_);
   state_interfaces_values_[1] = ${name}_event(&law_, &joint, &call);
   state_interfaces_values_[2] = ${name}_brake(&law_);
-  if (refusal != 0) {
-    torque.fill(0.0);
-  }
-  unwritten_ = write(torque.data()) ? 0 : unwritten_ + 1;
+$written
   return refusal != 0 || unwritten_ > UNWRITTEN ? return_type::ERROR : return_type::OK;
 }
 
-bool Controller::write(const double * torque)
+bool Controller::write(const double * values)
 {
   bool written = true;
-  for (std::size_t i = 0; i < JOINTS; i++) {
-    written = command_interfaces_[command_at_[i]].set_value(torque[i]) && written;
+  for (std::size_t i = 0; i < command_at_.size(); i++) {
+    written = command_interfaces_[command_at_[i]].set_value(values[i]) && written;
   }
   return written;
+}
+
+bool Controller::commands_found()
+{
+  for (std::size_t row = 0; row < ROWS; row++) {
+    if (!find(joints_, commands_[row], command_interfaces_, &command_at_[row * JOINTS])) {
+      return false;
+    }
+  }
+  return true;
 }
 
 }  // namespace ${name}_plugin

@@ -24,6 +24,7 @@ namespace ${name}_plugin
 {
 
 constexpr std::size_t JOINTS = ${NAME}_JOINTS;
+constexpr std::size_t ROWS = $rows;  /* commands of each joint */
 
 /* Position, velocity, acceleration of one joint, joint side [rad, rad/s, rad/s^2]. */
 using Motion = std::array<double, 3>;
@@ -82,11 +83,17 @@ private:
 
   Motions along(const Trajectory & trajectory, std::int64_t now) const;
 
-  bool write(const double * torque);
+  /* Write the commands, row by row; false if an interface does not take one. */
+  bool write(const double * values);
+
+  /* Whether the hardware lends all interfaces of commands. */
+  bool commands_found();
 
   std::vector<std::string> joints_;
-  std::string state_interface_, command_interface_, unit_, topic_;
-  std::array<std::size_t, JOINTS> state_at_{}, command_at_{};
+  std::string state_interface_, unit_, topic_;
+  std::vector<std::string> commands_;
+  std::array<std::size_t, JOINTS> state_at_{};
+  std::array<std::size_t, ROWS * JOINTS> command_at_{};
   rclcpp::Subscription<Message>::SharedPtr subscription_;
   realtime_tools::RealtimeBuffer<std::shared_ptr<const Trajectory>> received_;
   std::uint64_t received_count_ = 0;  /* of the subscription's thread */

@@ -10,11 +10,21 @@ from functools import cache
 
 import numpy as np
 import pytest
+import servos
 from ros_controller import ACTIVE, FINALIZED, INACTIVE, UNCONFIGURED, Controller, array
 from scipy.interpolate import BPoly
 
 from ctc import ComputedTorque
-from plant import LoggedTorque, P, SteppedArm, everyday_motions, puma560, to_ros2_control
+from plant import (
+    Harmonics,
+    LoggedTorque,
+    MitDrive,
+    P,
+    SteppedArm,
+    everyday_motions,
+    puma560,
+    to_ros2_control,
+)
 from plant.realtime import memory
 
 ARM, RIG, JOINTS = puma560.arm(), puma560.rig(), ("joint2", "joint3")
@@ -293,6 +303,59 @@ def test_a_trajectory_that_cannot_be_is_refused_and_changes_nothing(controller, 
         )
     controller.c.deactivate()
     assert "not active" in controller.send(JOINTS, (0.5, 1.0), GOOD)
+
+
+# -- goals and frames ------------------------------------------------------------------------------
+SERVOS = servos.rig()
+FRAMES = servos.rig(0.002, None)
+FRAMES = dataclasses.replace(FRAMES, inner=MitDrive.for_arm(servos.arm(), FRAMES, stiffness=40))
+
+
+@needs_cxx
+@pytest.mark.parametrize(
+    ("loop", "rows", "unit"),
+    [(SERVOS, 1, "rad"), (SERVOS, 1, "counts"), (FRAMES, 5, "counts")],
+)
+def test_goals_and_frames_are_those_of_the_running_controller(tmp_path, loop, rows, unit):
+    """Along a path; then the positions stand still, the guards stop the law, and the servo holds."""
+    law = ComputedTorque(servos.arm(), loop)
+    # Classes of one name would be one class in this process.
+    name = f"{loop.inner.sends}_in_{unit}"
+    to_ros2_control(law, tmp_path, name=name)
+    plugin = Controller(tmp_path, name)
+    path = Harmonics(period=2.0, offset=(0.6, 0.4), cosine=((0,), (0,)), sine=((0.4,), (-0.4,)))
+    motion = path(loop.period * np.arange(200))
+    per_unit = 1.0 if unit == "counts" else float(loop.to_angle(np.ones(2))[0])
+    counts = loop.counts(motion.q)
+    counts[120:] = counts[120]
+    begun = plugin.begin(per_unit * counts[0], round(1 / loop.period), chained=True, unit=unit)
+    assert begun == [0, INACTIVE, ACTIVE], plugin.said
+    running = law.start(loop, counts[0])
+    before = plugin.c.allocations()
+    for k, state in enumerate(zip(*motion, strict=True)):
+        running.step(counts[k], *state, now=(k + 1) * loop.period)
+        assert plugin.c.give_reference(array(np.concatenate(state))) == 0
+        at = per_unit * counts[k]
+        code, sent = plugin.update(at, round(1e9 * loop.period), rows)
+        assert code == 0
+        ours = running.goal * per_unit if rows == 1 else running.frame.ravel()
+        np.testing.assert_allclose(sent, ours, rtol=1e-12, atol=1e-12)
+    assert running.stopped
+    assert plugin.c.state_value(0) > 0
+    assert plugin.c.allocations() == before
+    # A servo keeps its last goal; a drive gets the frame of no torque.
+    plugin.c.deactivate()
+
+
+def test_the_interfaces_of_goals_and_frames_are_named(tmp_path):
+    for name, loop, interfaces in (
+        ("goals", SERVOS, "command_interface: position"),
+        ("frames", FRAMES, "command_interfaces: [position, velocity, stiffness, damping, effort]"),
+    ):
+        to_ros2_control(ComputedTorque(servos.arm(), loop), tmp_path / name, name=name)
+        assert interfaces in (tmp_path / name / f"{name}.yaml").read_text()
+        readme = (tmp_path / name / "README.md").read_text()
+        assert readme.count("| command, written | `<joint>/") == (1 if name == "goals" else 5)
 
 
 def test_the_package_is_what_ros_reads(tmp_path):
