@@ -143,7 +143,10 @@ def cell(moving, resting):
     return [
         f"{rms(of_all):.2f} / {of_all.max():.1f}",
         ", ".join(f"{rms(force):.2f}" for force in forces),
-        *(f"{max(np.abs(way).max() for _, way, _ in results):.0f}" for results in (resting, moving)),
+        *(
+            f"{max(np.abs(way).max() for _, way, _ in results):.0f}"
+            for results in (resting, moving)
+        ),
         f"{max(speed.max() for _, _, speed in (*moving, *resting)):.0f}",
     ]
 
