@@ -8,6 +8,7 @@ import numpy as np
 
 from ctc.certification.imperfections import IMPERFECTIONS
 from ctc.verdict.on_gears import LOWEST
+from ctc.verdict.servos import in_play, slow_profiles
 from plant.motion.everyday import slowing
 from plant.parts import Aside, Floats, Piece, Table, Verdict, by_joint, frozen_settings, significant
 
@@ -191,10 +192,21 @@ def shown(certificate: Any) -> Iterator[Piece]:
     if certificate.rare is not None:
         yield str(certificate.rare)
     yield by_joint(certificate.plants.arm.dynamics.chain.joint_labels, texts)
+    yield from _of_servos(certificate)
     yield from _explained(certificate)
     if certificate.seen is not None:
         yield from _against_the_log(certificate)
     yield "for this path alone: everyday_motions(arm, rig) gives others"
+
+
+def _of_servos(certificate: Any) -> Iterator[Piece]:
+    """What the inner loops of servos cannot do on this path."""
+    labels = certificate.plants.arm.dynamics.chain.joint_labels
+    worst = certificate.worst
+    peak = certificate.runs.peak[worst.index]
+    times = np.arange(0.0, certificate.settings["duration"], worst.rig.period)
+    yield from in_play(worst.rig, labels, peak, certificate.within)
+    yield from slow_profiles(worst.rig, labels, certificate.reference(times).qd)
 
 
 def shown_set(certificates: Any) -> Iterator[Piece]:
@@ -238,6 +250,7 @@ def shown_set(certificates: Any) -> Iterator[Piece]:
         yield f"motions that exceed angles or speeds of the log: {', '.join(beyond)}"
     # The run from rest is one of each path.
     for name, certificate in certificates.items():
+        yield from (f"{name}: {line}" for line in _of_servos(certificate))
         if certificate.from_rest is not None:
             yield f"{name}: {certificate.from_rest}"
     # Of a controller that fails on most samples the nominal arm says little.

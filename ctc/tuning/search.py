@@ -63,6 +63,8 @@ class SearchSettings:
         probability to 0.3 %.
     joining_samples : int
         Failing samples of each check that join the next search, at most.
+    inner_samples : int
+        Samples on which each inner loop is judged.
     screening_samples : int
         Samples after which a check ends if more exceed the limit than may.
     initial_motions : int
@@ -117,6 +119,7 @@ class SearchSettings:
     checked_tunings: int = 2
     interrupted_samples: int = 1000
     joining_samples: int = 6
+    inner_samples: int = 64
     screening_samples: int = 200
     initial_motions: int = 2
     reference_variables: int = 5

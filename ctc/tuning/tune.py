@@ -2,9 +2,10 @@
 
 import contextlib
 import dataclasses
+import functools
 import operator
 import warnings
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -15,12 +16,14 @@ from ctc.certification.certificate import Certificate
 from ctc.certification.certificates import Certificates
 from ctc.certification.certify import Motions, Task, certify
 from ctc.certification.uncertainty import Uncertainty
+from ctc.tuning.inner_loops import inner_trials
 from ctc.tuning.known_gears import KnownGears, with_known_gears
 from ctc.tuning.search import SETTINGS, Tunings
 from ctc.tuning.tuning import Family, Trial, Tuning, families
 from ctc.verdict.on_gears import SETTLED
 from identification import Identification, IdentificationWarning
 from plant import Arm, Reference, Rig
+from plant.machine.inner_loop import InnerLoop
 from plant.parts import Floats, ProgressBar, known_options, progress_bar, real, warn
 from plant.simulation.executors import Executor
 
@@ -37,6 +40,7 @@ def tune(
     within: float = 1,
     allowed: float = 0.0,
     after: float = SETTLED,
+    inner: Mapping[Any, InnerLoop] | None = None,
     samples: int = 10_000,
     seed: int = 0,
     duration: float | None = None,
@@ -73,6 +77,11 @@ def tune(
         its own, is the verdict.
     after : float
         Sampling instants before this time do not count [s].
+    inner : mapping of InnerLoop, optional
+        Inner loops of servos or drives to choose from, by the value of their register or a name:
+        ``{P: PositionServo(gain=P * unit) for P in (8, 16, 32)}``, or a `MitDrive` for each
+        stiffness. The default computed torque is judged above each. The search goes on above the
+        one under which the fewest samples exceed the limit, and of several the quietest.
     samples : int
         Of the certificate.
     within, seed, duration, threads, progress, checkpoint, executor
@@ -81,7 +90,8 @@ def tune(
     Returns
     -------
     Tuning
-        ``.law``, the table of all families in ``.table``, and the controller's ``.certificate``.
+        ``.law``, the table of all families in ``.table``, the controller's ``.certificate``, and
+        the trials of the inner loops in ``.inner``, the chosen one first.
         Where none holds, that with which the fewest samples exceed the limit.
 
     Raises
@@ -114,12 +124,10 @@ def tune(
     >>> print(tuning.law.bandwidth > 0, tuning.certificate.failures)
     True 0
     """
-    # 1. Arguments and samples.
-    task = Task(
-        "tune",
+    # 1. The inner loop, arguments and samples.
+    task_above = functools.partial(
+        _task,
         found,
-        rig,
-        (),
         reference,
         uncertainty,
         within=within,
@@ -128,12 +136,19 @@ def tune(
         samples=samples,
         seed=seed,
         threads=threads,
-        progress=progress,
-        checkpoint=checkpoint,
-        steps_per_sample=4,
         executor=executor,
         settings=(allowed,),
     )
+    loops = inner_trials(
+        inner,
+        rig,
+        lambda above: task_above(above, progress=False, checkpoint=None),
+        SETTINGS.inner_samples,
+        {"within": within, "after": after, "steps_per_sample": SETTINGS.check_steps},
+    )
+    if loops:
+        rig = dataclasses.replace(rig, inner=loops[0].inner)
+    task = task_above(rig, progress=progress, checkpoint=checkpoint)
     # Samples of the search and of the checks have seeds of their own: a tuning is chosen on the
     # former, tested on the latter, and certified on a third set.
     searched = SETTINGS.initial_samples_allowed if allowed else SETTINGS.initial_samples
@@ -176,7 +191,20 @@ def tune(
         fresh=validated,
         interrupted=interrupted,
         known_gears=gears,
+        inner=loops,
     )
+
+
+def _task(
+    found: Any,
+    reference: Motions,
+    uncertainty: Uncertainty | None,
+    rig: Rig,
+    **options: Any,
+) -> Task:
+    """The checked work of a search above this rig."""
+    steps = SETTINGS.search_steps
+    return Task("tune", found, rig, (), reference, uncertainty, steps_per_sample=steps, **options)
 
 
 def _searches(

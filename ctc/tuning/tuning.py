@@ -17,6 +17,7 @@ from ctc.laws.computed_torque import ComputedTorque
 from ctc.laws.computed_torque_pid import ComputedTorquePID
 from ctc.laws.feed_forward import FeedForward
 from ctc.stability.design import motor_gain
+from ctc.tuning.inner_loops import InnerTrial, inner_table
 from ctc.tuning.known_gears import SETTINGS, KnownGears
 from identification import IdentificationWarning
 from plant import PD, Arm, Law, Reference, Rig
@@ -231,6 +232,8 @@ class Tuning(Shown, Frozen):
     known_gears : tuple of KnownGears
         Over a wide range of resonances: computed torque that has the gears in its model, at places
         of the range.
+    inner : tuple of InnerTrial
+        The inner loops that were stated, the chosen one first.
     """
 
     law: Law
@@ -239,6 +242,7 @@ class Tuning(Shown, Frozen):
     fresh: int
     interrupted: bool = False
     known_gears: tuple[KnownGears, ...] = ()
+    inner: tuple[InnerTrial, ...] = ()
 
     @property
     def holds(self) -> bool:
@@ -308,6 +312,9 @@ class Tuning(Shown, Frozen):
         pieces = self.certificate._shown() if self.holds else inside(self.certificate)
         yield from (piece for piece in pieces if piece is not SEARCH)
         yield from self._with_known_gears()
+        if self.inner:
+            yield f"inner loops under the default computed torque; chosen: {self.inner[0].fields}"
+            yield inner_table(self.inner)
         yield "the best tuning of each family, on independent validation samples:"
         yield self._table()
 

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from ctc.figures.errors import plot_evaluation, plot_phase
 from ctc.laws.model_law import ModelLaw
 from ctc.verdict.on_gears import SETTLED, FromRest, LowestResonance, from_rest, lowest_resonance
+from ctc.verdict.servos import in_play, slow_profiles
 from plant import Arm, Record
 from plant.compiler.background import cores
 from plant.machine.elasticity import DAMPING_RATIO
@@ -149,26 +150,18 @@ class Evaluation(Shown):
     def conditions(self) -> list[str]:
         """Assumptions of the verdict, and a machine's behaviour without them, one line each."""
         gears = [] if self.on_gears is None else [f"rigid gears assumed; {self.on_gears}"]
-        return [*gears, *self.in_play, *self.reasons]
+        return [*gears, *self.in_play, *self.slow_profiles, *self.reasons]
 
     @property
     def in_play(self) -> list[str]:
         """Joints that move within the play before their encoder, one line each."""
-        rig = self.record.rig
-        gears = rig.drive.elasticity
-        if rig.inner is None or gears is None or gears.backlash is None:
-            return []
-        play = np.abs(rig.position_in_pulses(rig.drive.coupling.joint(gears.backlash)))
-        counted = np.broadcast_to(np.array(rig.encoder.side) == "link", rig.n)
-        off = counted & (self.max_error_pulses > 1)
-        # It leaves the play with some speed, and is seen a count later.
-        moves = off & (self.max_error_pulses <= 1.5 * play + 1)
-        return [
-            f"{label} moves within the play, {play[i]:.1f} pulses: no goal holds a joint there;"
-            " preload it by a spring, a weight or a second servo"
-            for i, label in enumerate(self.joint_labels)
-            if moves[i]
-        ]
+        return in_play(self.record.rig, self.joint_labels, self.max_error_pulses)
+
+    @property
+    def slow_profiles(self) -> list[str]:
+        """Joints whose servo moves its own goal slower than the path does, one line each."""
+        record: Any = self.record
+        return slow_profiles(record.rig, self.joint_labels, record.reference(record.t).qd)
 
     @property
     def lowest_resonance(self) -> float | None:

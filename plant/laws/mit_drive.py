@@ -164,6 +164,19 @@ class MitDrive(InnerLoop, Law):
         """Largest values of the fields, arrays or numbers."""
         return FrameFields(*(np.asarray(limit, float) for limit in self.limits))
 
+    @property
+    def whole_gains(self) -> tuple[list[int], list[int]]:
+        """The integers of the fields of kp and kd, joint by joint."""
+        end = self.field_ends
+        kp, kd = (
+            np.atleast_1d(np.rint(gain / _step(limit, bits, signed=False)).astype(int)).tolist()
+            for gain, limit, bits in (
+                (self.kp, end.kp, self.bits[2]),
+                (self.kd, end.kd, self.bits[3]),
+            )
+        )
+        return kp, kd
+
     sends = "frame"
 
     @functools.cached_property

@@ -1,0 +1,114 @@
+"""Which inner loop is the quietest: the register of a servo, or the gains of a drive's frames.
+
+Computed torque with its default tuning is judged above each. A stiff inner loop errs less and makes
+more torque of every count, and behind a play it cycles; a soft one leaves more to the law above it.
+"""
+
+import dataclasses
+import warnings
+from collections.abc import Callable, Iterator, Mapping
+from typing import Any
+
+import numpy as np
+
+from ctc.certification.certify import Task
+from ctc.certification.statement import percent
+from ctc.laws.computed_torque import ComputedTorque
+from identification import IdentificationWarning
+from plant import MitDrive, Rig
+from plant.machine.inner_loop import InnerLoop
+from plant.parts import Floats, Frozen, Piece, Shown, Table, Verdict, frozen, instance, significant
+
+
+@frozen
+class InnerTrial(Shown, Frozen):
+    """An inner loop under the default computed torque, on samples of the uncertainty.
+
+    `register`: as it was stated, such as the value of P. `inner`: the loop. `left`, `of`: samples
+    that exceed the limit, and samples simulated. `peak`: largest tracking error of any sample
+    [pulses]. `chatter` (n,): mean change of the motors' torque from one sampling instant to the
+    next [N m]; both infinite where a loop diverged.
+    """
+
+    register: Any
+    inner: InnerLoop
+    left: int
+    of: int
+    peak: float
+    chatter: Floats
+
+    @property
+    def rank(self) -> tuple[int, float]:
+        """Rank of a trial; a smaller one is better: first the failing samples, then the chatter."""
+        return self.left, float(self.chatter.mean())
+
+    @property
+    def fields(self) -> str:
+        """What is written to the drives: the register, or the integers of kp and kd."""
+        if not isinstance(self.inner, MitDrive):
+            return str(self.register)
+        kp, kd = self.inner.whole_gains
+        return f"{self.register}: kp {' '.join(map(str, kp))}, kd {' '.join(map(str, kd))}"
+
+    def _short(self) -> str:
+        return (
+            f"inner loop {self.register}: {self.left} of {self.of} samples exceed the limit, peak"
+            f" {self.peak:.0f} pulses"
+        )
+
+    def _shown(self) -> Iterator[Piece]:
+        yield Verdict(self._short(), not self.left)
+
+
+def inner_trials(
+    inner: Mapping[Any, InnerLoop] | None,
+    rig: Rig,
+    task_above: Callable[[Rig], Task],
+    samples: int,
+    options: dict[str, Any],
+) -> tuple[InnerTrial, ...]:
+    """Trials of all loops, the best first; `task_above` gives the work above a rig."""
+    if inner is None:
+        return ()
+    advice = "Give {P: PositionServo(gain=P * unit) for P in (8, 16, 32)}, or MitDrives by a name."
+    if not isinstance(inner, Mapping) or not inner:
+        raise ValueError(f"inner must be loops by their register; got {inner!r:.60}. {advice}")
+    trials = []
+    for register, loop in inner.items():
+        instance(f"inner[{register!r}]", loop, InnerLoop, advice)
+        with warnings.catch_warnings():
+            # `tune` itself gives the warnings of the identification.
+            warnings.simplefilter("ignore", IdentificationWarning)
+            task = task_above(dataclasses.replace(rig, inner=loop))
+            law = ComputedTorque(task.found, task.rig)
+        plants = task.sampled(samples)
+        runs = [
+            plants.under(law, path, duration=duration, **options).run(task.threads)
+            for path, duration in task.motions.values()
+        ]
+        failed = np.any([run.outside > 0 for run in runs], axis=0)
+        trials.append(
+            InnerTrial(
+                register=register,
+                inner=task.rig.inner,
+                left=int(failed.sum()),
+                of=len(failed),
+                peak=float(max(run.peak.max() for run in runs)),
+                chatter=np.mean([run.chatter.mean(axis=0) for run in runs], axis=0),
+            )
+        )
+    return tuple(sorted(trials, key=lambda trial: trial.rank))
+
+
+def inner_table(trials: tuple[InnerTrial, ...]) -> Table:
+    """A row for each inner loop, the best first."""
+    rows = [
+        (
+            trial.fields,
+            percent(trial.left / trial.of),
+            f"{trial.peak:.0f}",
+            significant(float(trial.chatter.mean())),
+        )
+        for trial in trials
+    ]
+    return Table(("inner loop", "exceed", "peak [pulses]", "chatter, mean [N m]"), rows, words=(0,))
