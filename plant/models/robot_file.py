@@ -113,8 +113,8 @@ def read_robot(path: str | Path) -> Robot:
     Parameters
     ----------
     path : str or Path
-        A file; or the name of one of the package: "openarm", "paper_puma560", "puma560", "so100",
-        "so101", "tx40", "ur5e", "yam".
+        A file; or the name of one of the package: "koch", "openarm", "panda", "paper_puma560",
+        "puma560", "so100", "so101", "tx40", "ur10", "ur5e", "yam".
 
     Returns
     -------

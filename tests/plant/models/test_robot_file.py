@@ -132,12 +132,15 @@ def test_packaged_robots_are_what_their_sources_say():
     assert tx40.dynamics.chain.coupling == tx40.rig.drive.coupling
     assert ur5e.arm.dynamics.chain.links[1].name == "shoulder_lift"
     assert sorted(path.stem for path in FOLDER.glob("*.toml")) == [
+        "koch",
         "openarm",
+        "panda",
         "paper_puma560",
         "puma560",
         "so100",
         "so101",
         "tx40",
+        "ur10",
         "ur5e",
         "yam",
     ]
@@ -212,9 +215,17 @@ def test_units_of_inherited_numbers_are_those_of_the_base():
 
 @pytest.mark.parametrize(
     ("name", "heaviest", "mass"),
-    [("so100", 1, 0.162409), ("so101", 2, 0.104), ("yam", 1, 1.24434), ("openarm", 0, 1.1416685)],
+    [
+        ("so100", 1, 0.162409),
+        ("so101", 2, 0.104),
+        ("yam", 1, 1.24434),
+        ("openarm", 0, 1.1416685),
+        ("koch", 2, 0.06379),
+        ("panda", 0, 4.970684),
+        ("ur10", 1, 12.7),
+    ],
 )
-def test_packaged_arms_with_inner_loops_have_the_masses_of_their_models(name, heaviest, mass):
+def test_packaged_arms_have_the_masses_of_their_models(name, heaviest, mass):
     bodies = read_robot(name).dynamics.chain.bodies
     assert bodies[heaviest].mass == pytest.approx(mass, rel=1e-6)
     # All inertias are those of bodies that exist.
@@ -237,19 +248,61 @@ def test_servos_of_an_so101_are_those_of_the_published_fit():
     assert robot.arm.D(np.zeros(5))[4, 4] == pytest.approx(0.0284, rel=0.01)
 
 
-def test_friction_that_nobody_published_is_open():
-    for name, kinds in (("yam", ("viscous",)), ("openarm", ("viscous", "coulomb"))):
-        robot = read_robot(name)
-        assert robot.rig.drive.left_open == kinds
-        assert robot.rig.inner.sends == "frame"
-        with pytest.raises(ValueError, match="friction must be known"):
-            ComputedTorque(robot.arm, robot.rig)
+def test_servos_of_a_koch_are_those_of_the_data_sheets():
+    """XL430-W250 at 12 V and XL330-M288 at 5 V: stall torque, and speed without load."""
+    rig = read_robot("koch").rig
+    stall = np.array([1.5, 1.5, 0.52, 0.52, 0.52])
+    free = np.array([61, 61, 103, 103, 103]) * 2 * np.pi / 60
+    np.testing.assert_allclose(rig.drive.torque_limit(), stall)
+    np.testing.assert_allclose(rig.drive.viscous, stall / free, rtol=2e-3)
+    # P / 128 steps of 885 that are full voltage.
+    P = np.array([800, 800, 400, 400, 400])
+    np.testing.assert_allclose(rig.inner.gain, P / 128 / 885 * stall, rtol=3e-3)
+
+
+@pytest.mark.parametrize(
+    ("name", "pose", "reach", "torque"),
+    [
+        # From the axis of the second joint to the flange and the fingers; to the last axis.
+        ("panda", (0, np.pi / 2, 0, -0.0698, 0, 1.6, 0), 0.316 + 0.384, 87),
+        ("ur10", (0, 0, 0, 0, 0, 0), 0.612 + 0.5723, 330),
+    ],
+)
+def test_industrial_arms_hold_themselves_stretched_out(name, pose, reach, torque):
+    """The published torque carries the arm level, and the lever is the published one."""
+    robot = read_robot(name)
+    n = robot.rig.n
+    held = abs(robot.arm.h(pose, np.zeros(n))[1])
+    assert 0.2 * torque < held < torque
+    # Mass times lever: the centre of mass is about the middle of the arm.
+    mass = sum(body.mass for body in robot.dynamics.chain.bodies[1:])
+    assert 0.3 * reach < held / (9.81 * mass) < 0.7 * reach
+    np.testing.assert_allclose(robot.rig.drive.torque_limit()[1], torque)
+    np.testing.assert_allclose(robot.dynamics.chain.limits.effort[1], torque)
+
+
+@pytest.mark.parametrize(
+    ("name", "kinds", "sends"),
+    [
+        ("yam", ("viscous",), "frame"),
+        ("openarm", ("viscous", "coulomb"), "frame"),
+        ("koch", ("coulomb",), "goal"),
+        ("panda", ("viscous", "coulomb"), None),
+        ("ur10", ("viscous", "coulomb"), None),
+    ],
+)
+def test_friction_that_nobody_published_is_open(name, kinds, sends):
+    robot = read_robot(name)
+    assert robot.rig.drive.left_open == kinds
+    assert getattr(robot.rig.inner, "sends", None) == sends
+    with pytest.raises(ValueError, match="friction must be known"):
+        ComputedTorque(robot.arm, robot.rig)
 
 
 def test_refusals(tmp_path):
     with pytest.raises(
         ValueError,
-        match=r"there is none. Give its path, or one of openarm, paper_puma560, puma560, so100, so101",
+        match=r"there is none. Give its path, or one of koch, openarm, panda, paper_puma560, puma560",
     ):
         read_robot("ur6e")
     robot = read_robot("paper_puma560")
