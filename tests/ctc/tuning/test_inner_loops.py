@@ -81,4 +81,6 @@ def test_a_profile_slower_than_the_path_is_named(speed, slow):
     loop = rig(inner=servo(32, speed=speed))
     report = evaluate(ARM, loop, ComputedTorque(ARM, rig()), PATH, duration=1.0)
     assert len(report.slow_profiles) == slow
-    assert sum("the servo's own profile, 300 pulses/s" in line for line in report.conditions) == slow
+    assert (
+        sum("the servo's own profile, 300 pulses/s" in line for line in report.conditions) == slow
+    )
