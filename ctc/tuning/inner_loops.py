@@ -90,7 +90,7 @@ def inner_trials(
         trials.append(
             InnerTrial(
                 register=register,
-                inner=task.rig.inner,
+                inner=loop.for_joints(rig.n),
                 left=int(failed.sum()),
                 of=len(failed),
                 peak=float(max(run.peak.max() for run in runs)),
