@@ -370,6 +370,9 @@ class _Log:
         # From what is stated to what the extra numbers make of it, in the order of the names.
         numbers = {name: self._stated[name] for name in self._names(giving=giving)}
         for name, value in extra.items():
+            # Zero changes nothing, and nearly all of them are zero in each of many vectors.
+            if not value:
+                continue
             number = self.kinds[name]
             place = self._place(name)
             # A compliance is not a number of the rig: it becomes a stiffness, and with it a

@@ -21,6 +21,7 @@ from identification.replay.gauss_newton import (
     within_bounds,
 )
 from plant.parts import Floats, frozen, frozen_settings
+from plant.parts.sums import dot, norm, product
 
 # The log is near its optimum before: the full step is tried alone, all shorter ones after it.
 _SETTINGS = GaussNewtonSettings(rounds=6, tolerance=1e-4, batches=(1, 7), longest=True)
@@ -56,11 +57,12 @@ class Optimum:
         """The part of the innovations that is orthogonal to the varied unknowns."""
         return self.left(self.innovations)
 
-    def left(self, direction: Floats) -> Floats:
-        """The part of a direction (M,) that is orthogonal to the varied unknowns."""
-        # Project out what the varied unknowns can make of the direction.
-        coefficients = along(self.basis, self.rates, direction)
-        return direction - np.einsum("v,vm->m", coefficients, self.rates)
+    def left(self, directions: Floats) -> Floats:
+        """The part of directions (M,) or (t, M) that is orthogonal to the varied unknowns."""
+        # Several directions at once: the rates, the largest array of a test, are read once for all.
+        onto_rates = product(self.rates, directions.T)
+        coefficients = product(self.basis.T, product(self.basis, onto_rates))
+        return np.asarray(directions - product(coefficients.T, self.rates))
 
     def towards(self, moves: Floats, change: Floats, bounds: Floats) -> Floats:
         """Step (k,) on the way to an estimate that follows the log best.
@@ -80,8 +82,12 @@ class Optimum:
 
     def unit(self, residual: Floats) -> float:
         """Variance of a residual (M,), inflated by its autocorrelation."""
-        variance = (residual**2).sum() / (self.model.weights**2).sum()
-        return float(variance * variance_inflation(residual))
+        return float((residual**2).sum()) / self._readings * variance_inflation(residual)
+
+    @functools.cached_property
+    def _readings(self) -> float:
+        """Number of independent readings."""
+        return float((self.model.weights**2).sum())
 
     def evidence_unit(self, residual: Floats) -> float:
         """The same for the evidence of a cause: an error of the model repeats along a motion.
@@ -96,7 +102,7 @@ class Optimum:
         rounding = 0.0
         if not self.model.records[0].rig.encoder.smooth:
             variance = 1 / 12  # of a count, uniform within one pulse [pulses^2]
-            rounding = variance * float((self.model.weights**2).sum())
+            rounding = variance * self._readings
         return max(0.0, float((residual**2).sum()) - rounding)
 
     @property
@@ -260,8 +266,11 @@ class Trial:
     effect: float
 
 
-def compliance(at: Optimum) -> list[Trial]:
-    """Trials of all joints alike, and of each alone."""
+def compliance(at: Optimum, suspicious: float) -> list[Trial]:
+    """Trials of all joints alike, and of each alone.
+
+    Every second resonance first; those between them if a trial has a chi-square of `suspicious`.
+    """
     replayed = any(record.law is not None and record.law.replays for record in at.model.records)
     lowest, highest = TRIALS.resonances
     # A resonance shows in a narrower range of frequencies where no loop corrects the motion.
@@ -275,9 +284,15 @@ def compliance(at: Optimum) -> list[Trial]:
         groups.insert(0, list(range(n)))
     # The stiffest first.
     frequencies = np.geomspace(highest, lowest, count).tolist()
-    return _tried(
-        at, [{f"compliance[{i}]": hz**-2 for i in group} for group in groups for hz in frequencies]
-    )
+    trials: list[Trial] = []
+    for spaced in (frequencies[::2], frequencies[1::2]):
+        trials += _tried(
+            at, [{f"compliance[{i}]": hz**-2 for i in group} for group in groups for hz in spaced]
+        )
+        # The effect of a resonance is wider than their distance: a peak shows beside it.
+        if not any(trial.chi_square > suspicious for trial in trials):
+            break
+    return trials
 
 
 def backlash(at: Optimum) -> list[Trial]:
@@ -305,23 +320,33 @@ def _tried(at, tried):
             vector[at.model.place(name)] = value
         vectors.append(vector)
     initial = at.before
+    squares = dot(initial, initial)
     unit = at.evidence_unit(initial)
     trials = []
     # In blocks: the innovations of all trials of a long log would not fit into memory.
     for begin in range(0, len(vectors), TRIALS.at_once):
         rows = at.model.all_innovations(vectors[begin : begin + TRIALS.at_once])
         # The rows end with the block, the trials go on.
-        for values, innovations in zip(tried[begin:], rows, strict=False):
-            if not np.isfinite(innovations).all():
-                continue
-            # The varied unknowns are fitted to the trial linearly: no Gauss-Newton for each.
-            remaining = at.left(innovations)
+        followed = [
+            (values, innovations)
+            for values, innovations in zip(tried[begin:], rows, strict=False)
+            if np.isfinite(innovations).all()
+        ]
+        if not followed:
+            continue
+        # The varied unknowns are fitted to the trials linearly: no Gauss-Newton for each.
+        lefts = at.left(np.array([innovations for _, innovations in followed]))
+        for (values, _), remaining in zip(followed, lefts, strict=True):
+            explained = squares - dot(remaining, remaining)
+            # A trial that explains nothing is no candidate: its own unit, which is slow to compute,
+            # decides nothing.
+            own_unit = at.evidence_unit(remaining) if explained > 0 else unit
             trials.append(
                 Trial(
                     values=values,
-                    chi_square=at.chi_square(remaining),
-                    explained=float((initial**2).sum() - (remaining**2).sum()),
-                    effect=float(((remaining - initial) ** 2).sum()) / unit,
+                    chi_square=explained / own_unit,
+                    explained=explained,
+                    effect=norm(remaining - initial) ** 2 / unit,
                 )
             )
     return trials

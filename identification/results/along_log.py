@@ -73,10 +73,10 @@ def drift(at: Optimum) -> dict[str, list[Floats]]:
     for record in at.model.records:
         drive = record.rig.drive
         motion = smoothed(record, record.rig.cell_centre(record.counts))
-        speed = np.array([drive.motor_angle(row) for row in motion.qd])
+        speed = drive.motor_angle(motion.qd)
         stated = drive.viscous * speed + drive.coulomb * np.sign(speed)
         change = np.linspace(-0.5, 0.5, len(speed))[:, None]
-        frictions.append(np.array([drive.joint_torque(row) for row in -change * stated]))
+        frictions.append(drive.joint_torque(-change * stated))
     return {
         f"drift[{i}]": [friction * joint for friction in frictions]
         for i, joint in enumerate(np.eye(at.model.dynamics.n))
@@ -101,7 +101,7 @@ def _arm(at):
 def efforts(parts: Sequence[Record]) -> Floats:
     """Torque [N m] and speed [rad/s] of each motor (2, n), rms over the parts of a record."""
     rig = parts[0].rig
-    torque = np.array([rig.drive.motor_torque(row) for part in parts for row in torque_of(part)])
+    torque = rig.drive.motor_torque(np.concatenate([torque_of(part) for part in parts]))
     counted = np.concatenate([np.diff(part.counts, axis=0) for part in parts])
     speed = rig.encoder.to_angle(counted) / rig.period
     rms = np.array([np.sqrt((torque**2).mean(axis=0)), np.sqrt((speed**2).mean(axis=0))])

@@ -54,6 +54,8 @@ class ScoreTestSettings:
         Ratio of the mean squared innovations there to those elsewhere that a right model may have.
     unexplained : float
         Share of an effect that must remain beside those of the unknowns, so that it is tested.
+    suspicious : float
+        Share of its threshold from which on a chi-square asks for further tests.
     absorbed : float
         Share of the squares of an effect below which its correction is not advised: the unknowns
         can produce the rest. Where counts are late, three tenths and more remain; on a real drive
@@ -68,6 +70,7 @@ class ScoreTestSettings:
     reversal_samples: int = 30
     reversal_ratio: float = 3.0
     unexplained: float = 1e-3
+    suspicious: float = 1 / 3
     absorbed: float = 0.01
 
 
@@ -293,8 +296,8 @@ class Sign(Shown, Frozen):
 
     @property
     def suspicious(self) -> bool:
-        """Whether it is a third of what is significant."""
-        return self.chi_square > self.threshold / 3
+        """Whether it comes near to what is significant."""
+        return self.chi_square > SETTINGS.suspicious * self.threshold
 
     def _short(self) -> str:
         return (
@@ -354,7 +357,10 @@ def linear(
     at = point.at
     effects = point.testable if effects is None else effects
     changes = {number: row for number, row in effects.items() if hypothesis.has(number)}
-    rows = {number: at.left(change) for number, change in changes.items()}
+    if not changes:
+        return
+    lefts = at.left(np.array([*changes.values()]))
+    rows = dict(zip(changes, lefts, strict=True))
     rows = {
         number: row
         for number, row in rows.items()
@@ -442,7 +448,8 @@ def elastic(hypothesis: ArmHypothesis, point: Point) -> Iterator[Sign]:
         sign = replace(sign, visible=visible)
         # Far from rigid, the effect of a spring is not that of the linear estimate. But springs of
         # which neither that nor the size of the innovations shows anything are not there.
-        trials = [] if at.clean and not sign.suspicious else compliance(at)
+        untried = at.clean and not sign.suspicious
+        trials = [] if untried else compliance(at, SETTINGS.suspicious * sign.threshold)
         best = max(trials, key=lambda trial: trial.chi_square, default=None)
         if best is None or best.chi_square < sign.chi_square:
             yield sign
@@ -545,8 +552,8 @@ def disagreement(hypothesis: ArmHypothesis, point: Point) -> Iterator[Sign]:
     for record in records[1:]:
         alone = np.zeros((at.unknown, len(at.innovations)))
         alone[:, record] = at.rates[: at.unknown, record]
-        rows += [at.left(row) for row in alone]
-    matrix = np.array(rows)
+        rows.append(at.left(alone))
+    matrix = np.concatenate(rows)
     basis = directions(matrix)
     remaining = at.before - np.einsum("i,im->m", along(basis, matrix, at.before), matrix)
     threshold = hypothesis.threshold_of(len(basis))

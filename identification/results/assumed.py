@@ -17,7 +17,7 @@ from identification.equation_error.regressor import linear, regressor_along
 from plant import Arm, Dynamics, Record
 from plant.motion.reference import Motion
 from plant.parts import Floats, Frozen, Piece, Shown, Table, frozen, real
-from plant.parts.sums import least, products
+from plant.parts.sums import least, product, products
 
 # Samples of the motion at which torques are compared, at most: neighbours repeat each other, and
 # the regressor of a sample is slow. Chosen by hand.
@@ -172,12 +172,13 @@ def moved(rates: Floats, effects: Mapping[str, Floats], names: Sequence[str]) ->
     innovations (at least M,) with each number. `names`: numbers to take; those without effect are
     left out.
     """
-    information = products(rates.T)
-    count = rates.shape[1]
-    moves = {}
-    for name in names:
-        effect = effects[name]
-        if np.isfinite(effect).all() and effect.any():
-            slope = (rates * effect[:count]).sum(axis=1)
-            moves[name] = -np.linalg.solve(information, slope)
-    return moves
+    acting = {
+        name: effects[name][: rates.shape[1]]
+        for name in names
+        if np.isfinite(effects[name]).all() and effects[name].any()
+    }
+    if not acting:
+        return {}
+    slopes = product(rates, np.array([*acting.values()]).T)
+    moves = -np.linalg.solve(products(rates.T), slopes).T
+    return dict(zip(acting, moves, strict=True))

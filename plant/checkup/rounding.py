@@ -158,12 +158,7 @@ def _log_odds(counts, forces):
     # Scaled counts have no cells.
     if (counts != np.round(counts)).any():
         return None
-    steps = []
-    for half in SETTINGS.halves:
-        for degree in SETTINGS.degrees:
-            step = _step(counts, forces, half, degree)
-            if step is not None:
-                steps.append(step)
+    steps = [step for half in SETTINGS.halves for step in _steps(counts, forces, half)]
     if not steps:
         return None
     value, without, with_fix, std = np.array(steps).T
@@ -183,17 +178,17 @@ def _log_odds(counts, forces):
     return float(distance[0] ** 2 - distance[1] ** 2) / 2
 
 
-def _step(counts, forces, half, degree):
-    """Fit the step at zero in windows of 2 half rows; None without crossings."""
+def _steps(counts, forces, half):
+    """Fit the step at zero in windows of 2 half rows, for each degree; none without crossings."""
     # 1. Crossings of zero, in windows that do not overlap.
     if len(counts) < 4 * half:
-        return None
+        return
     speed = np.pad(np.abs(counts[2 * half :] - counts[: -2 * half]) / (2 * half), half)
     zeros = np.flatnonzero(np.diff(counts >= 0) & (speed[1:] > SETTINGS.slow))
     # A joint that rattles about zero counts once.
     zeros = zeros[np.diff(zeros, prepend=-half) >= half]
     if not len(zeros):
-        return None
+        return
 
     # 2. Crossings of other counts at such speeds, so far from zero that no window holds it.
     alike = (speed >= speed[zeros].min() / SETTINGS.alike) & (speed > SETTINGS.slow)
@@ -203,23 +198,33 @@ def _step(counts, forces, half, degree):
     # Spread over the log, and not more than are needed.
     crossings = crossings[:: max(1, len(crossings) // SETTINGS.crossings)]
     if len(crossings) < SETTINGS.least_crossings:
-        return None
+        return
 
-    # 3. Motion that the torque adds to the polynomial, from the other crossings.
-    basis, _ = np.linalg.qr(np.vander(np.linspace(-1, 1, 2 * half), degree + 1))
+    # 3. Counts and double sums of the forces in each window, which serve all degrees.
     offsets = np.arange(1 - half, half + 1)
     levels = np.maximum(counts[crossings], counts[crossings + 1])
     windows = counts[crossings[:, None] + offsets] - levels[:, None]
     at_zero = counts[zeros[:, None] + offsets]
     motion = _double_sum(forces[crossings[:, None] + offsets])
     motion_at_zero = _double_sum(forces[zeros[:, None] + offsets])
+    for degree in SETTINGS.degrees:
+        basis, _ = np.linalg.qr(np.vander(np.linspace(-1, 1, 2 * half), degree + 1))
+        yield _step(basis, at_zero, motion_at_zero, windows, motion)
+
+
+def _step(basis, at_zero, motion_at_zero, windows, motion):
+    """The step beside a polynomial (orthonormal `basis`), in windows at zero and at other counts.
+
+    `motion`: that the forces would cause in each window, per unit of their gains.
+    """
+    # 1. Motion that the torque adds to the polynomial, from the other crossings.
     beside = motion.swapaxes(1, 2)
-    beside = (beside - beside @ basis @ basis.T).swapaxes(1, 2).reshape(-1, forces.shape[1])
+    beside = (beside - beside @ basis @ basis.T).swapaxes(1, 2).reshape(-1, motion.shape[2])
     # The polynomial is projected out of both sides.
     target = (windows - windows @ basis @ basis.T).ravel()
     gain = np.linalg.lstsq(beside, target, rcond=None)[0]
 
-    # 4. The step at zero, and at other crossings: as they are, and with the cell at the level
+    # 2. The step at zero, and at other crossings: as they are, and with the cell at the level
     # merged with the one below.
     sizes, weights = _fitted_steps(at_zero - motion_at_zero @ gain, basis, at_zero)
     means = []
