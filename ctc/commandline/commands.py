@@ -283,6 +283,7 @@ def run_tune(options: Namespace) -> Answer:
         identification.rig,
         motions,
         _uncertainty(options, identification),
+        vary=options.vary,
         **_run(options),
     )
     # The law of the result is that of the best trial, whose numbers the answer lists.

@@ -332,7 +332,17 @@ _COMMANDS: dict[str, tuple[str, Any]] = {
     ),
     "tune": (
         "the controller of least activity within the pulse limit, and its certificate",
-        (*_UNCERTAIN, _PATH),
+        (
+            *_UNCERTAIN,
+            _PATH,
+            _option(
+                "--vary",
+                "further numbers of computed torque to search, as dead_zone",
+                nargs="+",
+                default=(),
+                metavar="NAME",
+            ),
+        ),
     ),
     "campaign": (
         "the commands above over the logs of many robots, as a plan says",

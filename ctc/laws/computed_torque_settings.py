@@ -1,6 +1,8 @@
 """Settings of computed torque that seldom need a change: thresholds of its boost and friction."""
 
-from plant.parts.part import part
+import dataclasses
+
+from plant.parts.part import number, part
 from plant.parts.settings import Settings
 
 
@@ -95,3 +97,42 @@ class ComputedTorqueSettings(Settings):
 
 
 SETTINGS = ComputedTorqueSettings()
+
+
+@part
+class VariedSettings(ComputedTorqueSettings):
+    """The same as numbers of the law, ``law.settings.sliding_speed``: kernels take them as inputs.
+
+    `tune` varies them so; the law that it returns has plain settings. `friction_sweeps` is the
+    length of a loop, and `predicted_stiffness` is part of the table of gains on elastic gears: both
+    stay as they are.
+    """
+
+    sliding_speed: float = number((), default=SETTINGS.sliding_speed)
+    learning_rate: float = number((), default=SETTINGS.learning_rate)
+    learning_memory: float = number((), default=SETTINGS.learning_memory)
+    standing_dead_zone: float = number((), default=SETTINGS.standing_dead_zone)
+    boost_speed: float = number((), default=SETTINGS.boost_speed)
+    boost_error: float = number((), default=SETTINGS.boost_error)
+    boost_limit: float = number((), default=SETTINGS.boost_limit)
+    swing_distance: float = number((), default=SETTINGS.swing_distance)
+    swing_dead_zone: float = number((), default=SETTINGS.swing_dead_zone)
+    load_distance: float = number((), default=SETTINGS.load_distance)
+    swing_time: float = number((), default=SETTINGS.swing_time)
+    swing_memory: float = number((), default=SETTINGS.swing_memory)
+
+    @classmethod
+    def of(cls, settings: ComputedTorqueSettings) -> "VariedSettings":
+        """The numbers of these settings."""
+        return cls(**_values(settings))
+
+    @property
+    def plain(self) -> ComputedTorqueSettings:
+        """The same as structure."""
+        return ComputedTorqueSettings(**_values(self))
+
+
+def _values(settings):
+    """Values of settings by name."""
+    names = [field.name for field in dataclasses.fields(ComputedTorqueSettings)]
+    return {name: getattr(settings, name) for name in names}

@@ -19,7 +19,7 @@ from ctc.certification.uncertainty import Uncertainty
 from ctc.tuning.inner_loops import inner_trials
 from ctc.tuning.known_gears import KnownGears, with_known_gears
 from ctc.tuning.search import SETTINGS, Tunings
-from ctc.tuning.tuning import Family, Trial, Tuning, families
+from ctc.tuning.tuning import Family, Trial, Tuning, families, varied
 from ctc.verdict.on_gears import SETTLED
 from identification import Identification, IdentificationWarning
 from plant import Arm, Reference, Rig
@@ -39,6 +39,7 @@ def tune(
     *,
     within: float = 1,
     allowed: float = 0.0,
+    vary: str | Iterable[str] = (),
     after: float = SETTLED,
     inner: Mapping[Any, InnerLoop] | None = None,
     samples: int = 10_000,
@@ -54,8 +55,8 @@ def tune(
     The genetic algorithm searches tunings of computed torque with observer, of computed torque with
     a PID that rolls off, and of feed-forward with PD, on samples of the uncertainty; the best are
     tested on independent samples. The search of computed torque with observer begins with its
-    default, and keeps the dead zone and boost of the default. Torque chatter is the mean change of
-    the torque from one sampling instant to the next.
+    default, and keeps the dead zone and boost of the default if they are not to `vary`. Torque
+    chatter is the mean change of the torque from one sampling instant to the next.
 
     Parameters
     ----------
@@ -75,6 +76,11 @@ def tune(
         independent samples so few exceed it that a controller chosen beforehand would keep the
         share with 95 % confidence. This one was chosen on them, so the certificate, on samples of
         its own, is the verdict.
+    vary : str or sequence of str
+        Further numbers of computed torque with observer that the search varies beside its two
+        bandwidths: `dead_zone`, `start_boost`, `start_time`, `learnable`, and those of
+        `ComputedTorqueSettings`, such as `sliding_speed`; not `friction_sweeps` and
+        `predicted_stiffness`. From a quarter to four times the default, shares up to 1.
     after : float
         Sampling instants before this time do not count [s].
     inner : mapping of InnerLoop, optional
@@ -97,7 +103,7 @@ def tune(
     Raises
     ------
     ValueError
-        Bad input, as of `certify`.
+        Bad input, as of `certify`; a number to `vary` that computed torque does not have.
 
     Notes
     -----
@@ -125,6 +131,7 @@ def tune(
     True 0
     """
     # 1. The inner loop, arguments and samples.
+    vary = varied(vary)
     task_above = functools.partial(
         _task,
         found,
@@ -137,7 +144,7 @@ def tune(
         seed=seed,
         threads=threads,
         executor=executor,
-        settings=(allowed,),
+        settings=(allowed, *vary),
     )
     loops = inner_trials(
         inner,
@@ -157,7 +164,7 @@ def tune(
     fresh = task.sampled(validated, 1)
     # 2. The best tuning of each family.
     common = _common_options(task, fresh, after, allowed)
-    laws = families(found, fresh.arm, fresh.own, task.reference)
+    laws = families(found, fresh.arm, fresh.own, task.reference, vary)
     context = contextlib.nullcontext() if executor is None else Executor(executor)
     with context as shared, task.checkpoint as stages:
         searches = _searches(laws, stages, common, {"threads": task.threads, "executor": shared})

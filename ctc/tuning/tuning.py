@@ -4,8 +4,9 @@ A tuning is a row of numbers, one per variable. `Family.numbers` converts it to 
 so that one kernel runs many tunings side by side.
 """
 
+import dataclasses
 import warnings
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -15,6 +16,7 @@ from ctc.certification.certificates import Certificates
 from ctc.certification.statement import SEARCH, percent
 from ctc.laws.computed_torque import ComputedTorque
 from ctc.laws.computed_torque_pid import ComputedTorquePID
+from ctc.laws.computed_torque_settings import VariedSettings
 from ctc.laws.feed_forward import FeedForward
 from ctc.stability.design import motor_gain
 from ctc.tuning.inner_loops import InnerTrial, inner_table
@@ -22,18 +24,32 @@ from ctc.tuning.known_gears import SETTINGS, KnownGears
 from identification import IdentificationWarning
 from plant import PD, Arm, Law, Reference, Rig
 from plant.parts import Floats, Frozen, Piece, Shown, Table, Verdict, frozen, kept, significant
-from plant.parts.arguments import several
+from plant.parts.arguments import near, several
 from plant.parts.shown import inside
 
 Numbers = Mapping[str, Floats]
 
-# Fields of the default computed torque that every tuning of it keeps.
+# Fields of the default computed torque that a tuning of it keeps, if they are not varied.
 _OF_DEFAULT = "dead_zone", "start_boost", "start_time"
+
+# Further numbers of computed torque with observer that `tune` can vary: fields, and settings.
+_FIELDS = (*_OF_DEFAULT, "learnable")
+_SETTINGS = tuple(
+    field.name for field in dataclasses.fields(VariedSettings) if "number" in field.metadata
+)
+
+# Factor between a default and the ends of its range, and ranges of shares, whose defaults may be
+# zero. Chosen by hand: a factor of 4 reaches beyond every default of `default_gains`.
+_FACTOR = 4.0
+_SHARES = {"dead_zone": (0.05, 1.0), "learnable": (0.05, 0.99)}
 
 
 def _named(values: Numbers) -> Numbers:
-    """Numbers of a law whose variables are fields of it."""
-    return {f"law.{name}": value for name, value in values.items()}
+    """Numbers of a law whose variables are fields of it, or of its settings."""
+    return {
+        f"law.settings.{name}" if name in _SETTINGS else f"law.{name}": value
+        for name, value in values.items()
+    }
 
 
 @frozen
@@ -54,16 +70,23 @@ class Family:
         """The law with these values (k,) of its variables."""
         columns = dict(zip(self.variables, values[:, None], strict=True))
         numbers = {name: float(column[0]) for name, column in self.numbers(columns).items()}
-        return self.law.filled(numbers, "law.")
+        law = self.law.filled(numbers, "law.")
+        # Settings are numbers during the search alone: the result is the law that a user writes.
+        settings = getattr(law, "settings", None)
+        if isinstance(settings, VariedSettings):
+            return dataclasses.replace(law, settings=settings.plain)  # type: ignore[call-arg]
+        return law
 
 
-def families(found: Any, arm: Arm, rig: Rig, reference: Reference) -> list[Family]:
+def families(
+    found: Any, arm: Arm, rig: Rig, reference: Reference, vary: Sequence[str] = ()
+) -> list[Family]:
     """The families of laws that `tune` searches, for an identified arm.
 
     They are computed torque with observer, computed torque with PID, and feed-forward with PD.
 
     Computed torque with observer has the dead zone and the boost of the default for what was
-    `found`, and its search begins with the default. At the reference's first pose the PD gains of
+    `found`, unless they are among those to `vary`; its search begins with the default. At the reference's first pose the PD gains of
     the joints are in proportion to their inertia.
     """
     with warnings.catch_warnings():
@@ -74,25 +97,53 @@ def families(found: Any, arm: Arm, rig: Rig, reference: Reference) -> list[Famil
     corner = 3.0 / rig.period
     # No PD with a gain for each motor works on motors that turn several joints.
     if rig.drive.coupling.matrix:
-        return [_with_observer(arm, rig, default, fastest), _with_pid(arm, rig, fastest, corner)]
+        return [
+            _with_observer(arm, rig, default, fastest, vary),
+            _with_pid(arm, rig, fastest, corner),
+        ]
     return [
-        _with_observer(arm, rig, default, fastest),
+        _with_observer(arm, rig, default, fastest, vary),
         _with_pid(arm, rig, fastest, corner),
         _feed_forward(arm, rig, reference, fastest, corner),
     ]
 
 
-def _with_observer(arm: Arm, rig: Rig, default: ComputedTorque, fastest: float) -> Family:
+def varied(vary: str | Sequence[str]) -> tuple[str, ...]:
+    """Names of further numbers of computed torque with observer, checked, each once."""
+    names = (vary,) if isinstance(vary, str) else tuple(vary)
+    allowed = (*_FIELDS, *_SETTINGS)
+    for name in names:
+        if name not in allowed:
+            raise ValueError(
+                f"vary must name numbers of ComputedTorque or ComputedTorqueSettings; got {name!r}."
+                f" {near(name, allowed, f'Take of {several(allowed)}.')}"
+            )
+    return tuple(dict.fromkeys(names))
+
+
+def _with_observer(
+    arm: Arm, rig: Rig, default: ComputedTorque, fastest: float, vary: Sequence[str]
+) -> Family:
+    fields: dict[str, Any] = {name: getattr(default, name) for name in _OF_DEFAULT}
+    # Without a setting to vary, the law keeps its settings as structure, and with them its kernel.
+    if any(name in _SETTINGS for name in vary):
+        fields["settings"] = VariedSettings.of(default.settings)
+    usual = {
+        name: getattr(default.settings if name in _SETTINGS else default, name) for name in vary
+    }
+    ranges = {
+        name: _SHARES.get(name, (value / _FACTOR, value * _FACTOR)) for name, value in usual.items()
+    }
+    # A dead zone of zero, which has no logarithm, begins at the least of its range.
+    usual = {name: max(value, ranges[name][0]) for name, value in usual.items()}
     # The default is for the arm as identified; stated gears may allow far less.
     slower = [{"bandwidth": w, "observer_ratio": 1.5} for w in (20.0, 60.0, 100.0, 150.0, 200.0)]
+    gains = [{"bandwidth": default.bandwidth, "observer_ratio": default.observer_ratio}, *slower]
     return Family(
         name="computed torque with observer",
-        law=ComputedTorque(arm, rig, **{name: getattr(default, name) for name in _OF_DEFAULT}),
-        variables={"bandwidth": (10.0, min(400.0, fastest)), "observer_ratio": (0.5, 4.0)},
-        initial=[
-            {"bandwidth": default.bandwidth, "observer_ratio": default.observer_ratio},
-            *slower,
-        ],
+        law=ComputedTorque(arm, rig, **fields),
+        variables={"bandwidth": (10.0, min(400.0, fastest)), "observer_ratio": (0.5, 4.0)} | ranges,
+        initial=[tuning | usual for tuning in gains],
     )
 
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from uncertain import with_uncertainty
 
-from ctc import ComputedTorque, Uncertainty, certify, tune
+from ctc import ComputedTorque, ComputedTorqueSettings, Uncertainty, certify, tune
 from ctc.certification.certified import clopper_pearson
 from ctc.certification.samples import draw
 from ctc.tuning.known_gears import KnownGears, with_known_gears
@@ -74,9 +74,12 @@ def test_same_seed_same_law_whatever_the_threads(monkeypatch, tmp_path):
     np.testing.assert_array_equal(one.trials[0].chatter, two.trials[0].chatter)
 
 
-@pytest.mark.parametrize("which", [0, 1, 2])
-def test_a_tuning_side_by_side_is_its_law_simulated(which):
-    family = families(ARM, ARM, RIG, PATH)[which]
+VARIED = ("dead_zone", "start_boost", "sliding_speed", "boost_error", "swing_distance")
+
+
+@pytest.mark.parametrize(("which", "vary"), [(0, ()), (1, ()), (2, ()), (0, VARIED)])
+def test_a_tuning_side_by_side_is_its_law_simulated(which, vary):
+    family = families(ARM, ARM, RIG, PATH, vary)[which]
     uncertainty = Uncertainty(friction=0.02, covariance=STATED["covariance"], resonance=(40, 60))
     plants = draw(uncertainty, ARM, RIG, 3, 5, START)
     values = np.array([list(tuning.values()) for tuning in family.initial])[:2] * 0.9
@@ -92,6 +95,50 @@ def test_a_tuning_side_by_side_is_its_law_simulated(which):
     np.testing.assert_array_equal(runs.peak[5], counted)
     changes = np.abs(np.diff(record.torque, axis=0))[record.t[1:] >= 0.02].mean(axis=0)
     np.testing.assert_allclose(runs.chatter[5], changes, rtol=1e-9)
+
+
+def test_numbers_to_vary_act_and_end_in_plain_settings():
+    """Each of two numbers changes the loop; by default the law is that without the option."""
+    plain, family = families(ARM, ARM, RIG, PATH)[0], families(ARM, ARM, RIG, PATH, VARIED)[0]
+    assert set(family.variables) == {*plain.variables, *VARIED}
+    start = dict(family.initial[0])
+    # A dead zone of zero is none that a logarithmic search can have.
+    assert start.pop("dead_zone") > plain.law.dead_zone == 0
+    values = np.array([[*family.initial[0].values()]])
+    law = family.tuned(values[0])
+    assert dataclasses.replace(law, dead_zone=0.0) == plain.tuned(values[0][:2])
+    motions = []
+    for name in (None, "sliding_speed", "start_boost"):
+        row = values[0].copy()
+        if name is not None:
+            row[[*family.variables].index(name)] /= 2
+        run = simulate(ARM, RIG, family.tuned(row), PATH, duration=0.3)
+        motions.append(run.torque)
+    assert not (motions[0] == motions[1]).all()
+    assert not (motions[0] == motions[2]).all()
+
+
+@pytest.mark.parametrize("name", ["predicted_stiffness", "friction_sweeps", "dead_zon"])
+def test_what_cannot_vary_is_refused_by_its_name(name):
+    with pytest.raises(ValueError, match=name):
+        tune(ARM, RIG, PATH, **with_uncertainty(**STATED, **SHORT), vary=["dead_zone", name])
+
+
+def test_a_search_varies_what_it_is_told_to(monkeypatch):
+    settings = SearchSettings(rounds=((2, np.inf),), quieter_searches=0, validation_samples=10)
+    monkeypatch.setattr("ctc.tuning.tune.SETTINGS", settings)
+    monkeypatch.setattr("ctc.tuning.tune.families", lambda *some: families(*some)[:1])
+    tuning = tune(
+        ARM,
+        RIG,
+        PATH,
+        **with_uncertainty(**STATED, **SHORT | {"samples": 10}),
+        vary=("start_time", "sliding_speed"),
+    )
+    (trial,) = tuning.trials
+    assert trial.law.start_time == pytest.approx(trial.numbers["start_time"])
+    assert type(trial.law.settings) is ComputedTorqueSettings
+    assert trial.law.settings.sliding_speed == trial.numbers["sliding_speed"]
 
 
 def test_tunings_lose_counts_as_certified_loops_do():
