@@ -1,6 +1,7 @@
 """Settings of computed torque that seldom need a change: thresholds of its boost and friction."""
 
 import dataclasses
+from typing import Any
 
 from plant.parts.part import number, part
 from plant.parts.settings import Settings
@@ -132,7 +133,7 @@ class VariedSettings(ComputedTorqueSettings):
         return ComputedTorqueSettings(**_values(self))
 
 
-def _values(settings):
+def _values(settings: ComputedTorqueSettings) -> dict[str, Any]:
     """Values of settings by name."""
     names = [field.name for field in dataclasses.fields(ComputedTorqueSettings)]
     return {name: getattr(settings, name) for name in names}

@@ -6,7 +6,7 @@ so that one kernel runs many tunings side by side.
 
 import dataclasses
 import warnings
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -74,7 +74,7 @@ class Family:
         # Settings are numbers during the search alone: the result is the law that a user writes.
         settings = getattr(law, "settings", None)
         if isinstance(settings, VariedSettings):
-            return dataclasses.replace(law, settings=settings.plain)  # type: ignore[call-arg]
+            return dataclasses.replace(law, settings=settings.plain)
         return law
 
 
@@ -86,8 +86,8 @@ def families(
     They are computed torque with observer, computed torque with PID, and feed-forward with PD.
 
     Computed torque with observer has the dead zone and the boost of the default for what was
-    `found`, unless they are among those to `vary`; its search begins with the default. At the reference's first pose the PD gains of
-    the joints are in proportion to their inertia.
+    `found`, unless they are among those to `vary`; its search begins with the default. At the
+    reference's first pose the PD gains of the joints are in proportion to their inertia.
     """
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", IdentificationWarning)  # `tune` has given it already
@@ -108,7 +108,7 @@ def families(
     ]
 
 
-def varied(vary: str | Sequence[str]) -> tuple[str, ...]:
+def varied(vary: str | Iterable[str]) -> tuple[str, ...]:
     """Names of further numbers of computed torque with observer, checked, each once."""
     names = (vary,) if isinstance(vary, str) else tuple(vary)
     allowed = (*_FIELDS, *_SETTINGS)
