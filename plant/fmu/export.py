@@ -18,6 +18,7 @@ import numpy as np
 from plant.compiler.c_statements import braced
 from plant.fmu.model import Variable, arm_values, arm_variables, described, law_variables
 from plant.laws.law import Law
+from plant.machine.inner_loop import InnerLoop
 from plant.machine.rig import Rig
 from plant.mechanics.arm import Arm
 from plant.parts.arguments import choice, instance, known_options
@@ -139,7 +140,9 @@ def _law(model: Law | Running, rig: Rig | None) -> _Model:
         instance("model", model, Law, "Give a law, what law.start(...) gave, or an arm.")
         rig = rig_of(model, rig, "to_fmu(law, path, rig)")
         # The start is a placeholder: the first counts that the FMU receives take its place.
-        model = model.start(rig, np.zeros(rig.n))
+        # `start` of a servo is a torque.
+        begin = Law.start if isinstance(model, InnerLoop) else type(model).start
+        model = begin(model, rig, np.zeros(rig.n))
     elif rig is not None:
         raise ValueError(
             "rig must be left out for a controller that law.start(...) gave; got one. It has its"

@@ -26,7 +26,9 @@ class PositionServo(InnerLoop, Law):
     that is fed by a voltage is the drive's viscous friction, kt^2 / R.
 
     As the ``law`` of a log, the reference is the goal that was sent. As the ``inner`` loop of a
-    `Rig`, a law above it sends the goals: `Running.goal`.
+    `Rig`, a law above it sends the goals: `Running.goal`. It seldom runs in a control script: its
+    maker runs it. There ``Law.start(servo, rig, pulses)`` begins it, since `start` of a servo is
+    its smallest torque.
 
     Parameters
     ----------
@@ -73,7 +75,7 @@ class PositionServo(InnerLoop, Law):
     gain: Vector = number(("n",), alike=True)
     damping: Vector = number(("n",), default=0.0, alike=True)
     dead_zone: Vector = number(("n",), default=0.0, alike=True)
-    start: Vector = number(("n",), default=0.0, alike=True)  # type: ignore[assignment]  # in place of the method: a servo is started by its maker
+    start: Vector = number(("n",), default=0.0, alike=True)  # type: ignore[assignment]  # the method is Law.start(servo, ...)
     speed: Vector = number(("n",), default=float("inf"), finite=False, alike=True)
     supply: Vector = number(("n",), default=1.0, alike=True)
     register: tuple[int, int] | None = structure(default=None)

@@ -14,6 +14,7 @@ from plant import (
     PD,
     Guards,
     Harmonics,
+    Law,
     LoggedTorque,
     MitDrive,
     P,
@@ -24,6 +25,7 @@ from plant import (
     replay,
     simulate,
     to_control,
+    to_fmu,
 )
 from plant.analysis.sampled_loops import SampledLoops
 
@@ -125,6 +127,19 @@ def test_dead_zone_and_start_of_a_servo():
     torque = torque_of(servo, (-10, -3, -2, 0, 2, 3, 5, 7))
     expected = [-5, -3, 0, 0, 0, 3, 3, 3.5]
     np.testing.assert_allclose(torque, np.column_stack([expected, expected]))
+
+
+def test_a_servo_s_law_begins_by_the_method_of_all_laws(tmp_path):
+    """Its `start` is a torque; in a control script it is a P controller with that torque."""
+    servo = PositionServo(gain=GAIN, start=0.2, period=0.01)
+    below = rig(inner=None)
+    counts = below.counts((0.3, -0.2))
+    running = Law.start(servo, below, counts, guards=None)
+    goal = below.cell_centre(counts + np.array([2, -20]))
+    torque = running.step(counts, goal, np.zeros(2), np.zeros(2))
+    assert torque == pytest.approx([0.2, -20 * GAIN])
+    to_fmu(servo, tmp_path / "servo.fmu", below)
+    assert (tmp_path / "servo.fmu").stat().st_size > 0
 
 
 def test_goal_inside_a_servo_moves_at_its_speed():
