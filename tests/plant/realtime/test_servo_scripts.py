@@ -29,7 +29,9 @@ class Bench:
     """An arm at 1 kHz with a clock of its own; `torque_of` is the inner loop."""
 
     def __init__(self, loop):
-        self.robot = SteppedArm(ARM, dataclasses.replace(loop, inner=None, period=1e-3), (0.3, -0.2))
+        self.robot = SteppedArm(
+            ARM, dataclasses.replace(loop, inner=None, period=1e-3), (0.3, -0.2)
+        )
         self.now = 0.0
         self.reads = 0
         self.errors = []
@@ -249,7 +251,9 @@ class DamiaoBus(Bus):
             return
         assert i in self.enabled
         word = int.from_bytes(data, "big")
-        for row, (end, width) in reversed(list(enumerate(zip(self.ends, (16, 12, 12, 12, 12), strict=True)))):
+        for row, (end, width) in reversed(
+            list(enumerate(zip(self.ends, (16, 12, 12, 12, 12), strict=True)))
+        ):
             share = (word & (2**width - 1)) / (2**width - 1)
             word >>= width
             self.fields[row, i - 1] = share * end if row in (2, 3) else (2 * share - 1) * end
