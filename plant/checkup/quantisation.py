@@ -43,6 +43,8 @@ class QuantisationSettings:
         Digits of scaled counts; further digits are rounding.
     whole : float
         Deviation of a count from a multiple of the step [steps].
+    one_scale : float
+        Ratio of the largest to the smallest step up to which one wrong number scales all joints.
     """
 
     line: float = 0.8
@@ -54,6 +56,7 @@ class QuantisationSettings:
     noise: float = 0.6
     digits: int = 6
     whole: float = 0.01
+    one_scale: float = 1.02
 
 
 SETTINGS = QuantisationSettings()
@@ -105,15 +108,23 @@ def _step(signals, i):
     if signals.rig.encoder.smooth:
         return check.unknown("the encoder is said not to round")
 
-    # 1. The file's positions came in steps, and were no whole counts.
-    noted = (signals.record.notes or {}).get(STEP_NOTE.format(i))
-    if noted:
+    # 1. The file's positions came in steps, and were no whole counts. A wrong resolution scales all
+    # joints alike; the ranges of normalised positions differ.
+    noted = _noted_steps(signals)
+    if i in noted:
+        factor = f"gear times resolution appears to be {1 / noted[i]:.4g} times as stated"
         advice = (
-            f"The positions come in steps of {noted:.4g} pulses: gear times resolution appears to"
-            f" be {1 / noted:.4g} times as stated; correct the gear, or the resolution, and read"
-            " the log again."
+            f"The positions come in steps of {noted[i]:.4g} pulses: {factor}; correct the gear, or"
+            " the resolution, and read the log again."
         )
-        return check.wrong(noted, advice)
+        if max(noted.values()) > SETTINGS.one_scale * min(noted.values()):
+            advice = (
+                f"The positions come in steps of {noted[i]:.4g} pulses, and the joints differ:"
+                " either they are normalised to the range of each joint, as LeRobot's are by"
+                ' default (state {"-100 to 100 of pulses": ranges of the joints}, and read the log'
+                f" again), or {factor} (correct the gear, or the resolution)."
+            )
+        return check.wrong(noted[i], advice)
 
     # 2. Steps of the gear: whole counts of the motor were multiplied by it.
     # Few counts fit many grids.
@@ -140,6 +151,13 @@ def _step(signals, i):
         f" not {stated:g}, or was rounded to another step before."
     )
     return check.graded(step, advice, look=1.02)
+
+
+def _noted_steps(signals):
+    """Steps [pulses] of the file's positions, by joint, where they were no whole pulses."""
+    notes = signals.record.notes or {}
+    labels = {i: STEP_NOTE.format(i) for i in range(signals.n)}
+    return {i: notes[label] for i, label in labels.items() if label in notes}
 
 
 def grid(counts: Floats) -> float:

@@ -2,6 +2,7 @@
 share of a joint's range; and what is said of a unit that needs one.
 """
 
+import dataclasses
 import warnings
 
 import numpy as np
@@ -108,6 +109,28 @@ def test_steps_that_differ_in_normalised_positions_are_called_so():
     assert '{"-100 to 100 of pulses": ranges of the joints}' in texts[0]
     with pytest.raises(ValueError, match=r"Normalised positions need their ranges: .*-100 to 100"):
         Record.from_table(table, rig=RIG, columns={"position": "x"}, units={"position": "rad"})
+
+
+def test_a_check_names_the_ranges_where_steps_of_joints_differ():
+    """Servos without a gear, whose ranges make steps of about one pulse; then one wrong gear."""
+    drive = dataclasses.replace(RIG.drive, gear=(1.0,) * 3)
+    rig = dataclasses.replace(RIG, drive=drive, encoder=Encoder(resolution=(4096,) * 3))
+    counts = np.round(900 * np.sin(np.arange(2000)[:, None] / [410, 370, 450]))
+    ranges = np.array([[-1000, 1500], [-1300, 1100], [-1700, 1600]])
+    share = 200 * (counts - ranges[:, 0]) / (ranges[:, 1] - ranges[:, 0]) - 100
+    table = {"share": share, "scaled": np.degrees(rig.to_angle(1.3371 * counts))}
+    advices = {}
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        for column in table:
+            record = Record.from_table(
+                table, columns={"position": column}, rig=rig, units={"position": "deg"}
+            )
+            problems = record.check().problems
+            advices[column] = [f.advice for f in problems if f.check == "quantisation step"]
+    assert [len(texts) for texts in advices.values()] == [3, 3]
+    assert all("-100 to 100" in text for text in advices["share"])
+    assert not any("-100 to 100" in text for text in advices["scaled"])
 
 
 @pytest.mark.parametrize(
