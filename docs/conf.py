@@ -17,6 +17,8 @@ from sphinx.util.docutils import ReferenceRole
 sys.path[:0] = [str(Path(__file__).resolve().parent.parent), str(Path(__file__).resolve().parent)]
 # figures appear below their cell
 os.environ["MPLBACKEND"] = "module://matplotlib_inline.backend_inline"
+# what a cell draws itself looks like the library's figures
+os.environ["MATPLOTLIBRC"] = str(Path(__file__).with_name("matplotlibrc"))
 
 script = importlib.import_module("script")  # docs/script.py, which the line above lets Python find
 

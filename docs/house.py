@@ -119,8 +119,7 @@ def draw():
     axis.text(
         left - 0.85,
         tallest + 0.35,
-        "A room imports from the rooms below it and from the houses on its left, never the other"
-        " way.",
+        "A folder imports only from folders below it and from the packages on its left.",
         ha="right",
         fontsize=10,
         style="italic",

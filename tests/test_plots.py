@@ -29,6 +29,7 @@ from ctc import (
 )
 from identification import GeneticSettings, fit_torque, frequency_response, identify, oscillation
 from plant import Harmonics, puma560, read_robot, simulate
+from plant.parts.figures import COLOURS
 
 matplotlib = pytest.importorskip("matplotlib")
 matplotlib.use("Agg")
@@ -266,6 +267,13 @@ def test_no_text_and_no_legend_lies_on_a_curve(name):
                 for curve in curves
                 for point in curve
             )
+
+
+def test_cells_of_the_documentation_draw_in_the_colours_of_the_library():
+    rc = matplotlib.rc_params_from_file(
+        Path(__file__).parents[1] / "docs" / "matplotlibrc", use_default_template=False
+    )
+    assert tuple(rc["axes.prop_cycle"].by_key()["color"]) == COLOURS
 
 
 def test_the_robot_is_seen_beside_the_model_that_lies_on_it():

@@ -39,13 +39,13 @@ class FigureSettings:
     phases : int
         Phase plots beside each other at most.
     widest : float
-        Width of a figure at most [inch].
+        Width of a figure at most [inch]; wider ones are scaled down to a page, and not read.
     """
 
     abreast: int = 4
     strip: int = 4
     phases: int = 3
-    widest: float = 22.0
+    widest: float = 11.2
 
 
 LAYOUT = FigureSettings()
@@ -183,7 +183,7 @@ def plot_comparison(evaluations: dict[str, Any], ax: Any = None) -> NDArray[Any]
     abreast = laws <= LAYOUT.abreast
     if abreast:
         # `drawn` has the shape of the page, `axes` (joint, controller).
-        drawn = axes = row_by_row(ax, n, laws, width=5.2 * laws)
+        drawn = axes = row_by_row(ax, n, laws, width=min(5.2 * laws, LAYOUT.widest))
     else:
         drawn = row_by_row(ax, laws, n, width=min(5.2 * n, LAYOUT.widest), height=1.5)
         axes = drawn.T
@@ -196,7 +196,9 @@ def plot_comparison(evaluations: dict[str, Any], ax: Any = None) -> NDArray[Any]
             axis.set_ylabel("error [pulses]" if (column if abreast else joint) == 0 else "")
             if not abreast and column == laws - 1:
                 axis.set_xlabel(f"{evaluation.joint_labels[joint]}\ntime [s]")
-        head = f"{name}: {evaluation.share_within(1)} within ±1 pulse (shaded)"
+        # Narrow columns need a title of two lines.
+        between = "\n" if abreast and laws > 2 else ": "
+        head = f"{name}{between}{evaluation.share_within(1)} within ±1 pulse (shaded)"
         if abreast:
             titled(axes[:, column], head, evaluation.joint_labels if column == 0 else ())
         else:

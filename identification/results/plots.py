@@ -111,8 +111,8 @@ def _new_axes(n, values, meaning):
     return [figure.add_subplot(cell) for cell in (*cells, grid[n, 2], grid[n, :2])]
 
 
-# Title of a panel of intervals, with the meaning of its dashed line.
-INTERVALS = "95 % intervals; sign unknown beyond 100 % (dashed)"
+# Title of a panel of intervals; short, since the legend stands beside it.
+INTERVALS = "95 % intervals"
 
 
 def interval_height(values: int) -> float:
@@ -130,7 +130,7 @@ def draw_intervals(axis: Any, identification: Any) -> None:
     # The first parameter on top.
     axis.set_ylim(len(names) - 0.5, -0.5)
     axis.set_ylabel("parameter")
-    axis.set_xlabel("half-width [% of the value]")
+    axis.set_xlabel("half-width [% of the value]; dashed: 100 %, the sign is unknown beyond it")
     if identification.covariance is None:
         return
     size = np.maximum(np.abs(identification.fit.values), np.finfo(float).tiny)

@@ -234,9 +234,9 @@ def known_options(callable_: C) -> C:
             signature.bind(*args, **kwargs)
         except TypeError as error:
             takes = f"{callable_.__name__} takes ({', '.join(keywords)})"
-            raise ValueError(
-                f"{takes}; this call does not fit: {error}. Name the arguments."
-            ) from None
+            # Python's own words: "missing a required argument: 'name'".
+            advice = "Give it" if str(error).startswith("missing") else "Name the arguments"
+            raise ValueError(f"{takes}; this call does not fit: {error}. {advice}.") from None
 
     is_class = inspect.isclass(callable_)
     # A class stays a class, for isinstance and inheritance: only its __init__ is wrapped.

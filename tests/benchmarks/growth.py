@@ -16,6 +16,7 @@ import numpy as np
 
 from identification import Objective
 from plant import Chain, Drive, Dynamics, Encoder, Harmonics, Link, P, Rig, read_robot, simulate
+from plant.parts.figures import colour_of
 
 PICTURE = Path(__file__).parents[2] / "docs" / "images" / "growth.png"
 JOINTS, SAMPLES, INDIVIDUALS, STEPS = 3, 500, 80, 4
@@ -93,7 +94,7 @@ def draw(times):
     for axes, (name, values) in zip(figure.subplots(1, 4), GROWING.items(), strict=True):
         spent, exponent = 1e3 * np.array(times[name]), slope(values, times[name])
         line = spent[-1] * (np.array(values) / values[-1]) ** exponent
-        axes.loglog(values, spent, "o", color="C0")
+        axes.loglog(values, spent, "o", color=colour_of(0))
         axes.loglog(values, line, "-", color="0.6", zorder=0)
         axes.set(xlabel=name, title=f"slope {exponent:.2f}")
         shown = values if name == "joints" else values[::2]

@@ -48,6 +48,7 @@ from plant import (
     p_gains,
     simulate,
 )
+from plant.parts.figures import colour_of
 
 ARMS = {
     "Panda": ("panda", None, "panda_hand_tcp"),
@@ -345,7 +346,7 @@ def draw(rows):
     names = [name for name in ARMS if any(cell["arm"] == name for cell in rows)][::-1]
     figure = Figure(figsize=(10, 0.28 * len(names) + 1.7), layout="constrained")
     left, right = figure.subplots(1, 2, sharey=True)
-    for source, marker in (("own", "o"), ("MuJoCo", "s")):
+    for source, marker, colour in (("own", "o", colour_of(0)), ("MuJoCo", "s", colour_of(1))):
         cells = [cell for cell in rows if cell["log"] == source and not cell.get("refused")]
         if not cells:
             continue
@@ -359,6 +360,7 @@ def draw(rows):
                 places,
                 marker,
                 ms=5,
+                color=colour,
                 mfc="none",
                 label=f"{source} log",
             )
