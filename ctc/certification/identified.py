@@ -282,7 +282,7 @@ def identified(
     else:
         reason = found.fit.fallback_reason if isinstance(found, Identification) else None
         raise ValueError(
-            f"found must have a covariance: {reason or 'it comes without a covariance'}. Pass"
+            f"found must have a covariance; {reason or 'an arm alone has none'}. Pass"
             " Uncertainty(covariance=...), such as found.assumed().covariance(1.0) of one that"
             " follows its log, or plants=found.candidates."
         )

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plant import Record
+from plant.parts.arguments import instance
 from plant.parts.figures import (
     BAND,
     LOGS,
@@ -286,7 +287,7 @@ def plot_record(
     Raises
     ------
     ValueError
-        Another number of Axes.
+        Another number of Axes, or no record.
 
     See Also
     --------
@@ -302,6 +303,7 @@ def plot_record(
     >>> models = [replay(puma560.literature_arm(1.5), record)], record
     >>> beside = plot_record(record, models=models)
     """
+    instance("record", record, Record, "Pass what simulate or from_csv gave.")
     labels = joint_labels(joints or record.rig.drive.joints, record.n)
     if models is not None:
         return _beside(record, *models, labels, ax)

@@ -122,10 +122,8 @@ class ModelLaw(Law):
             speed = ""
             bandwidth = getattr(self, "bandwidth", None)
             if bandwidth is not None:
-                speed = (
-                    f"; its bandwidth is {bandwidth:g} rad/s, {bandwidth * stated.period:.2g} times"
-                    " the period"
-                )
+                per_sample = bandwidth * stated.period
+                speed = f"; its bandwidth is {bandwidth:g} rad/s, {per_sample:.2g} rad per sample"
             name = type(self).__name__
             # Hertz and a time constant are what is seen on the arm.
             hz = abs(pole.imag) / (2 * np.pi)

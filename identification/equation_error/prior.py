@@ -130,7 +130,7 @@ class Prior(Frozen):
 def _of_bodies(dynamics, rig, bodies):
     """The f (p,) of bodies, and its changes (p, m) with independent ones of the bodies."""
     if not bodies:
-        raise ValueError(f"prior needs bodies; the chain has none. {_ADVICE}")
+        raise ValueError("prior needs bodies; the chain has none. Give (bodies or f, 0.3).")
     chain = replace(dynamics.chain, bodies=bodies)
     if not any(body.rotor for body in bodies):
         chain = chain.with_rotors(rig.drive)

@@ -44,6 +44,11 @@ def measured_torque(record: Record) -> Floats:
     if record.current is not None:
         drive = record.rig.drive
         return drive.joint_torque(drive.motor_gain * record.current)
+    if record.law is None:
+        raise ValueError(
+            "the record must hold torques or currents; it has neither, and no law that would give"
+            " them from its counts. Map a column of the log as 'torque' or 'current', or give law=."
+        )
     raise ValueError(
         f"the record must hold torques or currents; the counts under {type(record.law).__name__} do"
         " not give them. Log one of them, state what the law remembered (Resumed), or use"

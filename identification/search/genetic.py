@@ -6,6 +6,7 @@ individuals in all, N per sub-population, L bits per chromosome, p variables. Re
 `minimize_genetic`, `_next_generation`, then the operators.
 """
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, field, fields, replace
 from numbers import Integral, Real
@@ -27,9 +28,8 @@ def _require(good: Any, message: str) -> None:
 def _check_number(name: str, value: Any, kind: Any, low: float, high: float) -> None:
     good = isinstance(value, kind) and not isinstance(value, bool) and low <= value <= high
     noun = "a whole number" if kind is Integral else "a number"
-    _require(
-        good, f"{name} must be {noun} from {low} to {high}; got {value!r}. Pass one in this range."
-    )
+    span = f"from {low} to {high}" if math.isfinite(high) else f"of at least {low}"
+    _require(good, f"{name} must be {noun} {span}; got {value!r}. Pass one.")
 
 
 def _within(default: Any, kind: type, low: float, high: float = INF) -> Any:

@@ -74,6 +74,12 @@ def mapped_names(columns: Mapping[str, Any], units: Mapping[str, Stated] | None)
     """Validate a mapping and its units; names of the table's columns that it needs, in order."""
     advice = 'Give columns={"t": "time", "position": ["q1", "q2"], ...}.'
     instance("columns", columns, dict, advice)
+    turned = [field for field in columns.values() if isinstance(field, str) and field in _FIELDS]
+    if turned and not any(field in UNITS for field in columns):
+        raise ValueError(
+            f"columns must name the file's columns by what they are; got {columns!r:.80}, the other"
+            f" way round. {advice}"
+        )
     for field in columns:
         choice("what a column is mapped to", field, _FIELDS)
     # The error follows from exactly one measurement; a second one could contradict it.

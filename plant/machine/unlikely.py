@@ -7,6 +7,7 @@ import numpy as np
 from plant.machine.rig import Rig
 from plant.parts.fields import Floats
 
+_LEAST_GEAR = 0.5  # turns of the motor per turn of the joint; an inverse ratio lies far below
 SLOWEST = 0.1  # sampling period [s] that no controller of an arm has
 
 
@@ -19,7 +20,7 @@ def unlikely_statements(
     if rig.period > SLOWEST:
         yield (
             f"a period of {rig.period:g} s is no arm's: state the time from sample to sample [s],"
-            " such as 0.001."
+            " such as 0.001; of a rate in Hz, 1 / rate."
         )
     # Limits of the motors and friction at the largest speed, both motor side [N m].
     turns = np.ptp(q, axis=0) / (2 * np.pi)
@@ -43,6 +44,12 @@ def unlikely_statements(
             yield (
                 f"the Coulomb friction of {labels[i]} is {drive.coulomb[i]:.3g} N m at the motor,"
                 f" which gives at most {limit[i]:.3g} N m: coulomb is motor side [N m]."
+            )
+        # Gears of arms slow down; a direct drive has 1.
+        if np.abs(drive.gear[i]) < _LEAST_GEAR and not prismatic[i]:
+            yield (
+                f"the gear of {labels[i]} is {drive.gear[i]:.3g}: a gear is turns of the motor per"
+                f" turn of the joint. Is it {1 / drive.gear[i]:.4g}?"
             )
         # Any motor of an arm gives its rotor alone more than 30 rad/s^2.
         if limit[i] < 30.0 * drive.motor_inertia[i]:

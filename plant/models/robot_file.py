@@ -151,6 +151,11 @@ def read_robot(path: str | Path) -> Robot:
             f"{path} must be a robot file of at most {_LARGEST} bytes; it has more. Give a smaller"
             " one."
         )
+    if file.suffix.lower() in (".urdf", ".xacro", ".xml"):
+        raise ValueError(
+            f"{path} must be a robot file, which is TOML; it is a model file. Run `onepulse robots"
+            f" new {file.name} -o arm.toml`, or read it by Chain.from_urdf or from_mjcf."
+        )
     try:
         data = tomllib.loads(file.read_text(encoding="utf-8"))
     # Bytes that are no text and nesting without end are mistakes of the file, too.

@@ -624,3 +624,10 @@ def test_a_commanded_position_in_pulses_with_fractions(tmp_path):
         Record.from_csv(
             tmp_path / "log.csv", rig=RIG, law=puma560.p_law(), columns=counted, units={"t": "s"}
         )
+
+
+def test_columns_that_are_mapped_the_other_way_round_are_called_so():
+    with pytest.raises(ValueError, match="the other way round"):
+        Record.from_table(
+            {"time": [0.0, 1.0], "q1": [0.0, 1.0]}, rig=RIG, columns={"time": "t", "q1": "position"}
+        )

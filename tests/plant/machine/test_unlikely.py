@@ -43,6 +43,7 @@ def of_drive(**changes):
             PATH,
             r"rotor alone 1.4 rad/s\^2 at most: motor_inertia is in kg m\^2",
         ),
+        (of_drive(gear=1 / RIG.drive.gear), PATH, r"gear of joint .* is 0.00928.* Is it 107.8\?"),
     ],
 )
 def test_what_no_arm_has_is_said_before_it_is_simulated(rig, path, said):
