@@ -2,16 +2,18 @@
 
 Each hypothesis restates the log, or gravity, as it would be without one mistake: the sign of a
 joint or of its torque, gravity turned, tilted, or taken out of the torque, a zero by a right angle,
-two columns exchanged, a torque that is late, or without friction. Least squares of the smoothed
-torques on the smoothed motion, with base parameters and friction of any value, shows how much of
-the torque is left. Where the torque of a sampled law was not logged, the law is run along the log,
-and its initial integral is a constant.
+two columns exchanged, another unit of positions or torques, a torque that is late, or without
+friction. Least squares of the smoothed torques on the smoothed motion, with base parameters and
+friction of any value, shows how much of the torque is left; where the chain states its bodies, so
+does the torque that they need, with one factor. Where the torque of a sampled law was not logged,
+the law is run along the log, and its initial integral is a constant.
 """
 
 import functools
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -51,9 +53,10 @@ class RestatedSettings:
         a motion, so more samples are no more evidence.
     floor : float
         Share of the torques (rms) that noise and friction leave in any case; chosen by hand.
-    generated : float
+    generated, generated_by_joint : float
         Power of friction, as a share of that of the torques, below which friction drives the
-        motion instead of braking it; chosen by hand, well below what noise gives.
+        motion instead of braking it, of all joints and of one; chosen by hand, well below what
+        noise gives.
     unphysical : float
         Log odds against a statement under which friction does so.
     suspected : float
@@ -68,23 +71,60 @@ class RestatedSettings:
         without friction shows.
     friction : float
         Standard deviation of the logarithm of friction before the log is read.
+    usual : float
+        Power of the friction of gears, as a share of that of the torques, where none is stated:
+        0.9 and 0.5 in the logs of a UR10 and a Panda.
+    scale : float
+        Factor by which the bodies that a chain states may be wrong together.
+    roughly : float
+        Share of the torques (rms) that those bodies leave in any case: 0.2 and 0.3 in the same
+        logs.
+    certain : float
+        Standard deviations by which the friction of a joint must drive it.
+    moving : float
+        Share of the time of the filters in which a joint has moved in one direction, from which on
+        its torque is compared; chosen by hand.
+    by_joint : float
+        Independent equations that a joint's torque counts for, where joints are judged apart.
     """
 
     equations: int = 700
     independent: float = 40.0
     floor: float = 0.005
     generated: float = -0.02
+    generated_by_joint: float = -0.3
     unphysical: float = 15.0
     suspected: float = 0.02
     tilts: tuple[float, ...] = (15.0, 5.0, 2.0)
     level: float = 3.0
     braked: float = 0.02
     friction: float = 0.7
+    usual: float = 0.2
+    scale: float = 1.25
+    roughly: float = 0.2
+    certain: float = 3.0
+    moving: float = 0.5
+    by_joint: float = 20.0
 
 
 SETTINGS = RestatedSettings()
 
-_LATEST = 0.08  # latest torque that is tried [s]: a few cycles of a slow bus
+_LATE = (-80.0, -40.0, -20.0, -10.0, 10.0, 20.0, 40.0, 60.0, 80.0)
+"""Times [ms] by which torques may be late that are tried: a few cycles of a slow bus."""
+
+
+class Remainder(NamedTuple):
+    """What least squares leaves of the torques, and the power of its friction, as shares.
+
+    `left`, `power`: of all joints; `left_by_joint`, `power_by_joint` (n,): of each; `power_std`
+    (n,): standard deviation of the latter.
+    """
+
+    left: float
+    power: float
+    left_by_joint: Floats
+    power_by_joint: Floats
+    power_std: Floats
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -93,7 +133,8 @@ class TorqueEquation:
 
     `motion`, `torque`, `dry` (M, n): positions, speeds and accelerations, torques of the joints,
     and signs of the speeds, filtered alike. `rows`: samples that are compared. `weightless` (n,):
-    joints whose torque is any that friction can carry. `gravity`: factor of the stated gravity.
+    joints whose torque is any that friction can carry. `unit` (n,): of the torques that are left, by
+    default their rms. `gravity`: factor of the stated gravity.
     `constant`: whether each torque has an unknown constant. `frictionless`: whether the torques are
     known to have no friction in them.
     """
@@ -108,6 +149,7 @@ class TorqueEquation:
     gravity: float = 1.0
     constant: bool = False
     frictionless: bool = False
+    unit: Floats | None = None
 
     @classmethod
     def of(cls, dynamics: Dynamics, record: Record) -> "TorqueEquation | None":
@@ -122,7 +164,7 @@ class TorqueEquation:
         if signals.motor_torque is None or not signals.long_enough:
             return None
         # Torques can be shifted by a few of the samples that are left out at the ends.
-        margin = min(round(_LATEST / signals.interval), len(signals.clear) // 8)
+        margin = min(round(1e-3 * max(_LATE) / signals.interval), len(signals.clear) // 8)
         rows = np.flatnonzero(signals.clear[margin : len(signals.clear) - margin]) + margin
         # Counts of zero are an angle, which speeds do not have.
         zero = record.rig.to_angle(np.zeros(record.n))
@@ -152,6 +194,12 @@ class TorqueEquation:
             Y = Y + (self.gravity - 1) * still
         return np.concatenate([Y, *self._friction], axis=2)
 
+    @functools.cached_property
+    def needed(self) -> Floats | None:
+        """Torque (R, n) that the stated bodies need; None without them."""
+        chain = self.dynamics.chain
+        return self.columns[:, :, : self.dynamics.p] @ self.dynamics.f() if chain.bodies else None
+
     @property
     def _friction(self) -> list[Floats]:
         """Columns (R, n, n) of viscous and dry friction, and of a constant torque."""
@@ -161,8 +209,11 @@ class TorqueEquation:
         return [eye * term[:, :, None] for term in terms[: 2 + self.constant]]
 
     @functools.cached_property
-    def leaning(self) -> tuple[Floats, Floats]:
-        """The likeliest tilt (2,) [rad] about the level axes of the base, and its regressor."""
+    def leaning(self) -> tuple[Floats, Floats, Floats | None]:
+        """The likeliest tilt (2,) [rad] about the level axes of the base, and its regressor.
+
+        The torque that the stated bodies need then is the third.
+        """
         motion = Motion(*(signal[self.rows] for signal in self.motion))
         resting = Motion(motion.q, 0 * motion.q, 0 * motion.q)
         arms, axes = _leaning_arms(self.dynamics)
@@ -182,48 +233,107 @@ class TorqueEquation:
 
         tilt = np.zeros(2)
         for step in np.deg2rad(SETTINGS.tilts):
-            middle = self.with_columns(tilted(tilt)).left ** 2
+            middle = self.with_columns(tilted(tilt), None).left ** 2
             moves = np.zeros(2)
             for axis, move in enumerate(step * np.eye(2)):
                 less, more = (
-                    self.with_columns(tilted(tilt + sign * move)).left ** 2 for sign in (-1, 1)
+                    self.with_columns(tilted(tilt + sign * move), None).left ** 2
+                    for sign in (-1, 1)
                 )
                 # The vertex of a parabola through three squares, or a step downhill.
                 curvature = less - 2 * middle + more
                 vertex = (less - more) / (2 * curvature) if curvature > 0 else np.sign(less - more)
                 moves[axis] = step * np.clip(vertex, -2, 2)
             tilt = tilt + moves
-        return tilt, tilted(tilt)
+        columns = tilted(tilt)
+        bodies = self.dynamics.chain.bodies
+        return tilt, columns, columns[:, :, : arms[0].p] @ arms[0].f() if bodies else None
 
     @functools.cached_property
     def evidence(self) -> float:
-        """Log likelihood of the statements, from what is left and from the power of friction."""
-        share, friction = self.fitted
-        impossible = SETTINGS.unphysical * (friction < SETTINGS.generated)
-        return -SETTINGS.independent * math.log(share + SETTINGS.floor) - impossible
+        """Log likelihood of the statements: of what is left, of the stated bodies, of friction."""
+        fitted = self.fitted
+        likely = fitted.power_by_joint + SETTINGS.certain * fitted.power_std
+        impossible = fitted.power < SETTINGS.generated or likely.min() < SETTINGS.generated_by_joint
+        return (
+            -SETTINGS.independent * math.log(fitted.left + SETTINGS.floor)
+            - SETTINGS.unphysical * impossible
+            + self.evidence_of_bodies(self.scale)
+        )
 
     @property
     def left(self) -> float:
         """Share (rms) of the torques that the equation of motion leaves; NaN where none moves."""
-        return self.fitted[0]
+        return self.fitted.left
 
     @functools.cached_property
-    def fitted(self) -> tuple[float, float]:
-        """What least squares leaves of the torques, and the power of its friction, as shares."""
-        # Each joint in units of its torque, and each column in units of its largest value.
-        torque = self.torque[self.rows]
-        scale = np.maximum(np.sqrt(np.mean(torque**2, axis=0)), 1e-300)
-        scale[self.weightless] = np.inf
-        A = (self.columns / scale[:, None]).reshape(torque.size, -1)
+    def of_joints(self) -> tuple[Floats, Floats, Floats]:
+        """Columns (R n, k) and torques (R n,) in units of the torques; one over these units (R, n).
+
+        It is zero where nothing is compared.
+        """
+        # Static friction carries any torque of a joint that rests.
+        moving = np.abs(self.dry[self.rows]) > SETTINGS.moving
+        torque = self.torque[self.rows] * moving
+        unit = self.unit
+        if unit is None:
+            unit = np.sqrt(np.mean(torque**2, axis=0))
+        unit = np.where(self.weightless | (unit == 0), np.inf, unit)
+        A = (self.columns * (moving / unit)[:, :, None]).reshape(torque.size, -1)
+        # Each column in units of its largest value.
         A /= np.maximum(np.abs(A).max(axis=0), 1e-300)
-        b = (torque / scale).ravel()
+        return A, (torque / unit).ravel(), moving / unit
+
+    @functools.cached_property
+    def fitted(self) -> Remainder:
+        """What least squares leaves of the torques, and the power of its friction."""
+        A, b, scale = self.of_joints
         # The products of the columns are many times faster, and exact enough for a share of 1e-4.
-        values = np.linalg.lstsq(A.T @ A, A.T @ b, rcond=1e-12)[0]
-        left = float(np.sqrt(np.mean((b - A @ values) ** 2)))
-        speed = self.motion.qd[self.rows].ravel()
-        p = A.shape[1] - sum(friction.shape[2] for friction in self._friction)
-        power = float((speed * (A[:, p:] @ values[p:])).sum() / (np.abs(speed * b).sum() or 1.0))
-        return left, power
+        inverse = np.linalg.pinv(A.T @ A, rcond=1e-12, hermitian=True)
+        values = inverse @ (A.T @ b)
+        remaining = (b - A @ values).reshape(scale.shape)
+        left = float(np.sqrt(np.mean(remaining**2)))
+        speed = self.motion.qd[self.rows]
+        power = np.abs(speed * b.reshape(speed.shape)).sum(axis=0)
+        # Work of the friction of each joint per unit of the values; f does none of it.
+        work = (speed[:, :, None] * A.reshape(*speed.shape, -1)).sum(axis=0)
+        work[:, : A.shape[1] - sum(friction.shape[2] for friction in self._friction)] = 0.0
+        # Errors repeat along a motion: so many rows count as fewer independent equations.
+        error = left * math.sqrt(max(1.0, b.size / (2 * SETTINGS.independent)))
+        std = error * np.sqrt(np.einsum("jk,kl,jl->j", work, inverse, work).clip(0))
+        return Remainder(
+            left=left,
+            power=float((work @ values).sum() / (power.sum() or 1.0)),
+            left_by_joint=np.sqrt(np.mean(remaining**2, axis=0)),
+            power_by_joint=work @ values / np.maximum(power, 1e-300),
+            power_std=std / np.maximum(power, 1e-300),
+        )
+
+    @functools.cached_property
+    def _beside_friction(self) -> Floats | None:
+        """Torques, and those that the stated bodies need (2, R n), without friction of any size."""
+        if self.needed is None:
+            return None
+        A, b, scale = self.of_joints
+        F = A[:, A.shape[1] - sum(friction.shape[2] for friction in self._friction) :]
+        torques = np.column_stack([b, (self.needed * scale).ravel()])
+        return (torques - F @ np.linalg.lstsq(F.T @ F, F.T @ torques, rcond=1e-12)[0]).T
+
+    @functools.cached_property
+    def scale(self) -> float:
+        """The torques, in units of those that the stated bodies need; 1 without bodies."""
+        if self._beside_friction is None:
+            return 1.0
+        torques, needed = self._beside_friction
+        return max(0.0, float(needed @ torques / max(needed @ needed, 1e-300)))
+
+    def evidence_of_bodies(self, scale: float) -> float:
+        """Log likelihood of the stated bodies, whose torques are so many times as large."""
+        if self._beside_friction is None:
+            return 0.0
+        torques, needed = self._beside_friction
+        left = float(np.sqrt(np.mean((torques - scale * needed) ** 2)))
+        return -SETTINGS.independent * math.log(left + SETTINGS.roughly)
 
     @property
     def braking(self) -> float:
@@ -235,15 +345,15 @@ class TorqueEquation:
         friction = drive.joint_viscous() * speed + drive.joint_coulomb() * dry
         return float((speed * friction).sum() / (np.abs(speed * self.torque[self.rows]).sum() or 1))
 
-    def with_columns(self, columns: Floats) -> "TorqueEquation":
-        """The same log with another regressor (R, n, k)."""
+    def with_columns(self, columns: Floats, needed: Floats | None) -> "TorqueEquation":
+        """The same log with another regressor (R, n, k), and torque (R, n) of the bodies."""
         equation = replace(self)
-        equation.__dict__["columns"] = columns
+        equation.__dict__.update(columns=columns, needed=needed)
         return equation
 
     def with_torque(self, torque: Floats) -> "TorqueEquation":
         """The same motion with another torque (M, n): its regressor stays."""
-        return replace(self, torque=torque).with_columns(self.columns)
+        return replace(self, torque=torque).with_columns(self.columns, self.needed)
 
 
 @functools.lru_cache(maxsize=4)
@@ -291,8 +401,27 @@ def _torques_turned(equation, joints, size):
 
 
 def _gravity(equation, joints, size):
-    """Gravity times a factor: -1 is upwards, 0 is none."""
+    """Gravity times a factor: -1 is upwards."""
     return replace(equation, gravity=size)
+
+
+def _weighed(equation, joints, size):
+    """Without gravity, or beside so much of what the stated bodies weigh."""
+    if not size:
+        return replace(equation, gravity=0.0)
+    dynamics = equation.dynamics
+    resting = Motion(equation.motion.q, *2 * [0 * equation.motion.q])
+    Y = regressor_along(dynamics, equation.rig, dynamics.names, resting)[0]
+    # In the unit of the log: an added torque that is explained would make the rest look smaller.
+    heavier = replace(equation, unit=1 / np.maximum(equation.of_joints[2].max(axis=0), 1e-300))
+    return heavier.with_columns(equation.columns, equation.needed).with_torque(
+        equation.torque + size * Y @ dynamics.f()
+    )
+
+
+def _removals(equation, joints):
+    """Gravity of any bodies that is taken out, or that of the stated ones."""
+    return (0.0,) if equation.needed is None else (0.0, 1.0)
 
 
 def _zero_moved(equation, joints, size):
@@ -312,23 +441,45 @@ def _tilts(equation, joints):
 
 def _levelled(equation, joints, size):
     """The base tilted as is likeliest."""
-    return equation.with_columns(equation.leaning[1])
+    return equation.with_columns(*equation.leaning[1:])
 
 
 def _without_friction(equation, joints, size):
     """Torques that are known to have no friction in them."""
-    return replace(equation, frictionless=True).with_columns(equation.columns)
+    equation = replace(equation, frictionless=True).with_columns(equation.columns, equation.needed)
+    return equation
 
 
 def _frictionless(equation, joints):
     """Share of the torques [%] that is friction, and the odds for none."""
-    stated = equation.braking
+    stated = SETTINGS.usual if equation.rig.drive.left_open else equation.braking
     # The torque of the law drives the motor, friction and all.
     if equation.frictionless or equation.constant or stated < SETTINGS.braked:
         return
-    share = max(abs(equation.fitted[1]), 1e-3)
+    share = max(abs(equation.fitted.power), 1e-3)
     if share < stated:
         yield 100 * share, 0.5 * (math.log(share / stated) / SETTINGS.friction) ** 2
+
+
+def _scaled(equation, joints, size):
+    """Torques in a unit so many times as large."""
+    return equation.with_torque(equation.torque / size)
+
+
+def _scales(equation, joints):
+    """The torques in units of those that the stated bodies need, and the odds for that factor."""
+    if equation.needed is None or not equation.scale:
+        return
+    # Bodies that are all wrong by as much as is usual are no other unit.
+    usual = float(np.clip(equation.scale, 1 / SETTINGS.scale, SETTINGS.scale))
+    # Nor is it a unit where the bodies explain nothing.
+    less_likely = max(map(equation.evidence_of_bodies, (usual, 0.0)))
+    yield equation.scale, equation.evidence_of_bodies(equation.scale) - less_likely
+
+
+def _in_unit(equation, joints, size):
+    """Positions that were read in a unit so many times too large."""
+    return replace(equation, motion=Motion(*(signal / size for signal in equation.motion)))
 
 
 def _exchanged(signal, joints):
@@ -353,6 +504,25 @@ def _in_time(equation, joints, size):
     shift = round(1e-3 * size / equation.rig.period)
     # The rows that are compared end so early that none wraps around.
     return equation.with_torque(np.roll(equation.torque, -shift, axis=0))
+
+
+def _latenesses(equation, joints):
+    """Times [ms] by which torques may be late, and how much closer each joint follows then.
+
+    A joint with little friction shows the time; one that friction alone moves does not, and
+    leaves most.
+    """
+
+    def joint_by_joint(equation):
+        return np.log(equation.fitted.left_by_joint + SETTINGS.floor).sum()
+
+    as_stated = joint_by_joint(equation)
+    for size in _LATE:
+        # Loggers are late by a sample, and hold torques for one.
+        if abs(round(1e-3 * size / equation.rig.period)) < 2:
+            continue
+        gain = as_stated - joint_by_joint(_in_time(equation, joints, size))
+        yield size, SETTINGS.by_joint * gain
 
 
 # Log odds against a mistake are those of a residual that no right log reaches, with a margin. Of
@@ -399,8 +569,8 @@ HYPOTHESES = (
         name="gravity removed",
         sentence="gravity is taken out of the torques already",
         remedy="Log the torque with gravity, or state a chain without it (gravity=(0, 0, 0))",
-        undo=_gravity,
-        sizes=(0.0,),
+        undo=_weighed,
+        suggested=_removals,
         against=6.0,
     ),
     Hypothesis(
@@ -454,9 +624,28 @@ HYPOTHESES = (
         sentence="the torques are late against the positions by about {value:.0f} ms",
         remedy="Shift the column, or ask record.check() for the timing",
         undo=_in_time,
-        sizes=(-80.0, -40.0, -20.0, -10.0, 10.0, 20.0, 40.0, 80.0),
-        against=18.0,
+        evidence=_latenesses,
+        against=8.0,
         unit="ms",
+    ),
+    Hypothesis(
+        name="unit of positions",
+        sentence="the positions are {value:.3g} times too large",
+        remedy="Correct their unit (degrees, turns, rad)",
+        undo=_in_unit,
+        sizes=(180 / np.pi, 0.5 / np.pi),
+        against=10.0,
+        unit="times",
+    ),
+    # Of joints that the stated bodies move; f of any value takes a factor of the torque over.
+    Hypothesis(
+        name="torque scale",
+        sentence="the torques are {value:.2g} times those that the bodies of the chain need",
+        remedy="Correct the unit, gear or gain of the torques, or the bodies of the chain",
+        undo=_scaled,
+        evidence=_scales,
+        against=6.0,
+        unit="times",
     ),
 )
 

@@ -326,6 +326,7 @@ LABELS = {
     "lost rows": r"lost|repeat(s|ed) the row|packet",
     "late counts": (
         r"counts (are|were) [\d.]+ samples|not logged at the same time|samples? late|samples? early"
+        r"|torques are late"
     ),
     "lag of the loop": r"torques lag",
     "speed error": r"error grows with speed",
@@ -356,10 +357,10 @@ WORDS = {
     "normalised": r"normalised|share of (its|the|each joint's) range",
     "torque scale": (
         r"times the commanded|in mN m|in kN m|in A\b|crossed the gear|the motor's torque, not"
-        r"|rated torque|per mille|torque .*is .*times"
+        r"|rated torque|per mille|torque .*is .*times|torques are [\d.e+]+ times"
     ),
     "without gravity": r"gravity (is|was|has been) (removed|taken out|subtracted|compensated)",
-    "of a model": r"torque (is|of) a model|not measured but",
+    "of a model": r"torque (is|of|is that of) a model|not measured but",
     "stuck samples": r"Counts of a joint repeat",
     "glitches": r"Single counts are off",
     "lost turn": r"The counts jump by",

@@ -97,7 +97,12 @@ def test_currents_that_are_taken_for_torques_contradict_the_rotors(motion):
     fit = fit_torque(DYNAMICS, q, current, rig=RIG, unknown=UNKNOWN)
     assert fit.doubts
     assert all("is below that of its rotor" in doubt for doubt in fit.doubts)
-    assert fit.warnings[: len(fit.doubts)] == list(fit.doubts)
+    (cause,) = fit.causes
+    assert cause.name == "torque scale"
+    # A chain that states its bodies tells the unit of the torque, between those of the joints.
+    factors = 1 / np.abs(RIG.drive.joint_torque(np.ones(2)) * RIG.drive.motor_gain)
+    assert factors.min() < cause.size < factors.max()
+    assert fit.warnings[: 1 + len(fit.doubts)] == [cause.line, *fit.doubts]
 
 
 def test_a_rotor_that_is_stated_too_large_is_named(motion):

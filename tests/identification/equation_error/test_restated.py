@@ -8,10 +8,12 @@ from functools import cache
 import numpy as np
 import pytest
 
+from identification.equation_error.regressor import regressor_along
 from identification.equation_error.restated import TorqueEquation, contradictions, restated
 from identification.results.alternatives import Sign
 from identification.results.detection import Detection
-from plant import PID, Body, Chain, Dynamics, Harmonics, Link, Placement, puma560, simulate
+from plant import PID, Body, Chain, Dynamics, Harmonics, Link, Placement, Spline, puma560, simulate
+from plant.motion.reference import Motion
 
 CHAIN = Chain(links=(Link(name="2", alpha=-np.pi / 2), Link(name="3", a=puma560.LINK_LENGTH)))
 DYNAMICS = Dynamics.from_chain(CHAIN)
@@ -133,6 +135,84 @@ def test_a_torque_without_friction_is_named():
     assert cause.name == "torques without friction"
     # half of it is within what drives differ by
     assert contradictions(equation.with_torque(equation.torque - friction / 2)) == ()
+
+
+@cache
+def bodied():
+    """The run of the waist as an equation, of a chain that states its bodies."""
+    chain, record = waist()
+    return TorqueEquation.of(Dynamics.from_chain(chain.with_rotors(record.rig.drive)), record)
+
+
+@pytest.mark.parametrize("factor", [0.2, 1.96, 4.0])
+def test_a_torque_in_another_unit_is_named_by_what_the_bodies_need(factor):
+    equation = bodied()
+    assert equation.scale == pytest.approx(1, abs=0.02)
+    (cause,) = contradictions(equation.with_torque(factor * equation.torque))
+    assert (cause.name, cause.joints) == ("torque scale", ())
+    assert cause.size == pytest.approx(factor, rel=0.02)
+    # A fifth is within what bodies are wrong by.
+    assert contradictions(equation.with_torque(1.2 * equation.torque)) == ()
+
+
+def test_gravity_of_other_bodies_that_was_taken_out_is_named():
+    """A driver that takes out too much: with f of any value the rest is gravity of its own."""
+    equation = bodied()
+    dynamics = equation.dynamics
+    resting = Motion(equation.motion.q, *2 * [0 * equation.motion.q])
+    Y = regressor_along(dynamics, equation.rig, dynamics.names, resting)[0]
+    without = equation.with_torque(equation.torque - 1.1 * Y @ dynamics.f())
+    cause, *_ = contradictions(without)
+    assert cause.name == "gravity removed"
+
+
+@pytest.mark.parametrize("factor", [180 / np.pi, 0.5 / np.pi])
+def test_positions_in_another_unit_are_named(factor):
+    chain, record = waist()
+    equation = bodied()
+    scaled = Motion(*(factor * signal for signal in equation.motion))
+    cause, *_ = contradictions(dataclasses.replace(equation, motion=scaled))
+    assert cause.name == "unit of positions"
+    assert cause.size == pytest.approx(factor)
+
+
+def test_torques_that_are_late_by_some_samples_are_named():
+    equation = bodied()
+    period = equation.rig.period
+    late = np.roll(equation.torque, round(0.02 / period), axis=0)
+    cause, *_ = contradictions(equation.with_torque(late))
+    assert (cause.name, cause.size) == ("late torques", 20.0)
+    # One sample is the logger's.
+    later = np.roll(equation.torque, 1, axis=0)
+    assert contradictions(equation.with_torque(later)) == ()
+
+
+def test_a_joint_at_rest_says_nothing_about_signs():
+    """Friction carries any torque there: another one changes nothing that is compared."""
+    path = Spline(times=(0.0, 0.4, 0.8), points=((0.0, 0.0), (0.5, -0.4), (0.2, 0.3)))
+    record = simulate(
+        puma560.literature_arm(1.5), puma560.rig(), puma560.p_law(), path, duration=2.0
+    )
+    equation = TorqueEquation.of(DYNAMICS, record)
+    resting = np.abs(equation.dry) < 1e-3
+    assert resting.mean() > 0.3
+    other = equation.with_torque(np.where(resting, -30.0, equation.torque))
+    assert other.left == pytest.approx(equation.left, rel=1e-9)
+    assert contradictions(other) == ()
+
+
+def test_a_friction_that_the_log_does_not_determine_accuses_no_sign():
+    """In a short log the friction of a joint comes out negative by chance."""
+
+    def evidence(power, std):
+        equation = TorqueEquation.of(DYNAMICS, log())
+        by_joint = np.array([power, equation.fitted.power_by_joint[1]])
+        fitted = equation.fitted._replace(power_by_joint=by_joint, power_std=np.array([std, 0.01]))
+        equation.__dict__["fitted"] = fitted
+        return equation.evidence
+
+    assert evidence(-0.8, 0.5) == evidence(0.2, 0.5)
+    assert evidence(-0.8, 0.05) < evidence(0.2, 0.05) - 10
 
 
 def test_two_mistakes_at_once_are_named_one_after_the_other():
