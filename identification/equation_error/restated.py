@@ -133,10 +133,10 @@ class TorqueEquation:
 
     `motion`, `torque`, `dry` (M, n): positions, speeds and accelerations, torques of the joints,
     and signs of the speeds, filtered alike. `rows`: samples that are compared. `weightless` (n,):
-    joints whose torque is any that friction can carry. `unit` (n,): of the torques that are left, by
-    default their rms. `gravity`: factor of the stated gravity.
-    `constant`: whether each torque has an unknown constant. `frictionless`: whether the torques are
-    known to have no friction in them.
+    joints whose torque is any that friction can carry. `unit` (n,): of the torques that are left,
+    by default their rms. `gravity`: factor of the stated gravity. `constant`: whether each torque
+    has an unknown constant. `frictionless`: whether the torques are known to have no friction in
+    them.
     """
 
     dynamics: Dynamics
