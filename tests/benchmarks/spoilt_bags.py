@@ -40,7 +40,10 @@ NAMES = {
 """Mistake -> names of the cause that is right; lost rows and stamps are those of `record.check()`."""
 
 HIDDEN = {
-    ("UR10", "zero off"): "friction alone moves its wrists: 9 to 177 times the torque of the bodies",
+    (
+        "UR10",
+        "zero off",
+    ): "friction alone moves its wrists: 9 to 177 times the torque of the bodies",
     ("Panda bag", "torque 1.96"): "its bodies need 1.26 times the measured torque, 0.65 times this",
 }
 """Mistakes that a log cannot show, with the reason."""
