@@ -8,10 +8,10 @@ import numpy as np
 from plant.checkup.hypothesis import Joints
 from plant.checkup.quantisation import STEP_NOTE, grid
 from plant.checkup.rounding import rounding_log_odds
-from plant.checkup.score import Experiment
+from plant.checkup.score import SETTINGS, Experiment
 from plant.checkup.stamps import chance_of_period
 from plant.checkup.torque_regression import TorqueRegression, least_squares
-from plant.checkup.undo import SLACK, counted_in_steps, gains_in_ampere
+from plant.checkup.undo import SLACK, as_commanded, counted_in_steps, gains_in_ampere
 from plant.laws.law import block_of
 from plant.parts.fields import Floats
 
@@ -271,6 +271,75 @@ def gains_evidence(experiment: Experiment, joints: Joints) -> Any:
         friction = (each.by_speed / each.speed_std for each in (delay, after))
         gain += float(np.subtract(*(np.nansum(ratio**2) / 2 for ratio in friction)))
     return ((1.0, gain),)
+
+
+def _differences(experiment):
+    """Yield of each joint: filtered torques, commanded and logged less commanded (M,) [N m].
+
+    Of laws without memory; their mean values are taken out.
+    """
+    commanded, logged = experiment.commanded, experiment.signals.torque
+    if commanded is None or logged is None or not experiment.long_enough:
+        return
+    for i in range(experiment.n):
+        ours = _centred(experiment.filtered("commanded", commanded, i).value)
+        yield ours, _centred(experiment.filtered("torque", logged, i).value) - ours
+
+
+def _explained(experiment, commanded, difference, columns):
+    """Coefficients of columns (M, k) in a difference of torques, and what likelier they make it."""
+    columns = columns - columns.mean(axis=0)
+    size = np.maximum(np.sqrt((columns**2).sum(axis=0)), np.finfo(float).tiny)
+    value = np.linalg.lstsq(columns / size, difference, rcond=None)[0] / size
+    floor = SETTINGS.command * (commanded**2).sum()
+    shares = [(x**2).sum() + floor for x in (difference, difference - columns @ value)]
+    return value, experiment.filter.equations / 2 * float(np.log(shares[0] / shares[1]))
+
+
+def rate_evidence(experiment: Experiment, joints: Joints) -> Iterator[tuple[float, float]]:
+    """Log odds of a logged torque that grows with the rate of the error, as of PD stated as P."""
+    law, signals = experiment.record.law, experiment.signals
+    rates, odds = [], 0.0
+    for i, torques in enumerate(_differences(experiment) if hasattr(law, "gain") else ()):
+        reference = experiment.filtered("reference", signals.reference, i)
+        counts = experiment.filtered("counts", signals.counts, i)
+        gain = _ratios(torques[0], _centred(reference.value - counts.value))
+        column = gain * (reference.speed - counts.speed)
+        value, likelier = _explained(experiment, *torques, column[:, None])
+        rates.append(value[0])
+        odds += likelier
+    if rates and min(rates) > 0:
+        yield float(np.median(rates)), odds
+
+
+def model_evidence(experiment: Experiment, joints: Joints) -> Iterator[tuple[float, float]]:
+    """Log odds of a logged torque that is inverse dynamics: it has no friction, the law's has."""
+    differences = list(_differences(experiment))
+    if not differences or experiment.motions is None:
+        return
+    measured = experiment.changed(as_commanded(experiment.record, joints, 1.0))
+    odds = 0.0
+    for equation, torques, logged, motion in zip(
+        experiment.equations_of_motion,
+        differences,
+        experiment.motions,
+        measured.motions,
+        strict=True,
+    ):
+        # Friction beside the inertia, so that units do not count.
+        frictionless = (
+            logged.coulomb * motion.inertia < _FRICTIONLESS * motion.coulomb * logged.inertia
+        )
+        if not frictionless or motion.coulomb < _CERTAIN * motion.coulomb_std:
+            return
+        columns = np.column_stack([equation.own, equation.free])
+        odds += _explained(experiment, *torques, columns)[1] - columns.shape[1]
+    yield 1.0, odds
+
+
+# Dry friction of a torque over that of the law's, below which it has none; and the standard
+# deviations that make the law's significant. Models of drives with half their friction exist.
+_FRICTIONLESS, _CERTAIN = 0.2, 5.0
 
 
 def viscous_evidence(experiment: Experiment, joints: Joints) -> Any:

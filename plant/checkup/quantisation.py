@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from plant.checkup.finding import Check, Finding
+from plant.checkup.innovation import stopped
 from plant.checkup.signals import Signals
 from plant.parts.fields import Floats
 
@@ -243,4 +244,8 @@ def _noise(signals, i):
         " interference."
     )
     look = SETTINGS.noise * step
+    # An acceleration that changes sign from sample to sample moves an arm by this amplitude.
+    shaken = stopped(signals.rig, signals.interval)[i] / np.pi**2
+    if look < noise < shaken:
+        return check.unknown("the arm may move so between two samples", noise)
     return check.graded(noise, advice, look=look, wrong=10 * step)

@@ -38,10 +38,16 @@ class ScoreSettings:
         Rows taken from a filter's window: more of them are not independent.
     dependent, dependent_motion : float
         Samples that count as one equation, since residuals of neighbours are alike; of the motion.
-    tracking, command, steps, motion : float
+    dependent_time : float
+        The same of the motion [s], of a log whose samples are close together.
+    tracking, command, steps, motion, uncoupled : float
         Share of the variance (0 to 1) that each equation leaves unexplained in a right log: by lag
         of the loop; by rounding; by the unknown memory of a law; by pose and couplings that the
-        regression does not have.
+        regression does not have, of few joints and of more than `coupled` ones (a real arm of six
+        leaves up to 0.03).
+    soft : float
+        Standard deviation of the logarithm of the scale at which the counts of a right loop follow:
+        gravity and springs hold the joint against a soft loop.
     unlike : float
         Unexplained share of the steps of a torque from which on a law does not explain them.
     inertia, inertia_spread : float
@@ -83,11 +89,14 @@ class ScoreSettings:
     per_window: int = 7
     dependent: float = 7.0
     dependent_motion: float = 50.0
+    dependent_time: float = 0.035
     tracking: float = 3e-2
     command: float = 1e-4
     steps: float = 1e-2
+    soft: float = 0.06
     unlike: float = 0.3
     motion: float = 5e-3
+    uncoupled: float = 2e-2
     inertia: float = 5.0
     inertia_spread: float = 1.5
     rotor: float = 0.8
@@ -280,29 +289,28 @@ class Experiment:
         return self.commanded_at(slice(None))
 
     @functools.cached_property
-    def tracking(self) -> Floats:
-        """Difference (n,) of the speeds of reference and counts, as a share of both; 1 unknown."""
-        signals = self.signals
+    def following(self) -> tuple[Floats, Floats]:
+        """Share of the counts' speed that the reference leaves unexplained; its log likelihood.
+
+        Each (n,); the share is 1 where it is unknown.
+        """
+        signals, half = self.signals, self.filter.equations / 2
+        unknown = np.ones(self.n), np.full(self.n, -half * np.log(1 + SETTINGS.tracking))
         if signals.reference is None:
-            return np.ones(self.n)
-        shares = np.ones(self.n)
+            return unknown
+        shares, likelihoods = unknown
         for i in range(self.n):
             reference = self.filtered("reference", signals.reference, i)
-            counts = self.filtered("counts", signals.counts, i)
             # Beside a goal that rests the counts move by noise alone, whatever their scale.
-            if np.mean(reference.speed**2) <= self.speed_noise:
-                continue
-            # A loop may lag. Its counts follow behind the reference, or as a low-pass of it, which
-            # also takes from the amplitude: what is in proportion to either's acceleration is no
-            # evidence. No loop leads.
-            error = reference.speed - counts.speed
-            lag = np.column_stack([reference.acceleration, counts.acceleration])
-            lag = lag / np.maximum(np.sqrt((lag**2).sum(axis=0)), np.finfo(float).tiny)
-            columns = np.column_stack([lag, error])
-            times, _ = _not_negative(columns.T @ columns)
-            error = error - lag @ times
-            shares[i] = _share(error, reference.speed, counts.speed, self.speed_noise)
-        return shares
+            if np.mean(reference.speed**2) > self.speed_noise:
+                counts = self.filtered("counts", signals.counts, i)
+                shares[i], likelihoods[i] = _following(reference, counts, self.speed_noise, half)
+        return shares, likelihoods
+
+    @property
+    def tracking(self) -> Floats:
+        """Share (n,) of the counts' speed that the reference leaves unexplained; 1 unknown."""
+        return self.following[0]
 
     @functools.cached_property
     def speed_noise(self) -> float:
@@ -436,7 +444,7 @@ class Experiment:
     def terms(self) -> dict[str, Floats]:
         """Log likelihoods (n,) of the equations, and of what rig and law state, by name."""
         half = self.filter.equations / 2
-        terms = {"tracking": -half * np.log(self.tracking + SETTINGS.tracking)}
+        terms = {"tracking": self.following[1]}
         if self.command is not None:
             share, floor = self.command, SETTINGS.command
             if self.record.law.has_memory(self.n):
@@ -446,7 +454,8 @@ class Experiment:
         if self.motions is not None and self.equations_of_motion is not None:
             freedom = self._freedom(self.equations_of_motion[0])
             unexplained = np.array([motion.unexplained for motion in self.motions])
-            floor = SETTINGS.motion * self._weakness
+            coupled = self.n <= SETTINGS.coupled
+            floor = (SETTINGS.motion if coupled else SETTINGS.uncoupled) * self.weakness
             terms["motion"] = -freedom / 2 * np.log(np.minimum(unexplained + floor, 1.0))
             drive = self.record.rig.drive
             terms["inertia"] = np.array(
@@ -473,12 +482,13 @@ class Experiment:
         What the regression lacks changes with the pose, and so does its residual.
         """
         unknown = equation.own.shape[1] + equation.free.shape[1]
-        equations = self.filter.equations * SETTINGS.dependent / SETTINGS.dependent_motion
+        dependent = max(SETTINGS.dependent_motion, SETTINGS.dependent_time / self.signals.interval)
+        equations = self.filter.equations * SETTINGS.dependent / dependent
         # Priors of the unknown coefficients replace some of them.
         return max(equations - unknown, equations / 4)
 
-    @property
-    def _weakness(self):
+    @functools.cached_property
+    def weakness(self) -> Floats:
         """Largest mean square of a motor's torque over that of each (n,); 1 in a closed loop.
 
         Where no loop drives a motor, the others move it, and what the regression lacks of their
@@ -487,7 +497,16 @@ class Experiment:
         if self.signals.reference is not None:
             return np.ones(self.n)
         power = np.var(self.torque, axis=0)
-        return power.max() / np.maximum(power, _RIDGE * power.max() or 1.0)
+        weakness = power.max() / np.maximum(power, _RIDGE * power.max() or 1.0)
+        if self.base is None:
+            return weakness
+        # Another unit makes no motor stronger: a column that was another motor's is as weak as that.
+        rows = slice(None, None, max(1, len(self.torque) // SETTINGS.rows))
+        before, after = (_centred(torque[rows]) for torque in (self.base.torque, self.torque))
+        sizes = np.outer(np.linalg.norm(after, axis=0), np.linalg.norm(before, axis=0))
+        exchanged = np.abs(after.T @ before) > _THE_SAME * sizes
+        which = np.where(exchanged.any(axis=1), exchanged.argmax(axis=1), np.arange(self.n))
+        return self.base.weakness[which]
 
     @property
     def _limit_prior(self):
@@ -502,6 +521,42 @@ class Experiment:
     def score(self) -> float:
         """Log likelihood of the log."""
         return float(sum(term.sum() for term in self.terms.values()))
+
+
+def _following(reference, counts, noise, half):
+    """Share of the counts' speed that the reference leaves unexplained, and its log likelihood.
+
+    A loop may lag: its counts follow behind the reference, or as a low-pass of it. What is in
+    proportion to either's acceleration is no evidence; no loop leads. A soft loop follows at
+    another scale: gravity and springs hold it.
+    """
+    columns = np.column_stack(
+        [reference.acceleration, counts.acceleration, reference.speed, -counts.speed]
+    )
+    squares = columns.T @ columns / len(columns)
+    # Columns of one size, so that the ridge is relative.
+    size = np.sqrt(np.maximum(np.diag(squares)[:2], np.finfo(float).tiny))
+    squares[:2] /= size[:, None]
+    squares[:, :2] /= size
+    pair = np.column_stack([np.exp(_SCALES * SETTINGS.soft), np.ones(len(_SCALES))])
+    least = np.full(len(pair), np.inf)
+    for lags in ([0, 1], [0], [1], []):
+        across = squares[np.ix_(lags, [2, 3])]
+        times = np.linalg.solve(squares[np.ix_(lags, lags)] + _RIDGE * np.eye(len(lags)), across)
+        left = squares[2:, 2:] - across.T @ times
+        possible = (times @ pair.T >= 0).all(axis=0)
+        least[possible] = np.minimum(
+            least[possible], np.einsum("si,ij,sj->s", pair, left, pair)[possible]
+        )
+    # The reference is what was asked for: what of the counts does it leave unexplained?
+    share = np.minimum((np.maximum(least, 0.0) + noise) / (squares[3, 3] + noise), 1.0)
+    likelihood = -half * np.log(share + SETTINGS.tracking) - _SCALES**2 / 2
+    best = int(np.argmax(likelihood))
+    return float(share[best]), float(likelihood[best])
+
+
+# Scales of soft loops that are tried [standard deviations of their logarithm].
+_SCALES = np.linspace(-6, 6, 25)
 
 
 def _centred(columns):
@@ -576,6 +631,9 @@ def _deviations(squares, segments, variance):
     jackknife = (len(segments) - 1) * np.mean(moved**2, axis=0)
     return np.sqrt(np.maximum(np.diag(inverse) * max(variance, 0.0), jackknife))
 
+
+# Correlation of two columns of a torque that are one, in other units.
+_THE_SAME = 0.999
 
 # Relative weight that keeps normal equations of columns that are alike solvable: rounding errors
 # of a sum of 2000 products are below it.

@@ -12,6 +12,8 @@ import numpy as np
 
 from plant.checkup.hypothesis import Joints
 from plant.checkup.score import Experiment
+from plant.laws.pid import PD, P
+from plant.laws.replayed import commanded_torque
 from plant.parts.fields import Floats
 
 
@@ -202,6 +204,24 @@ def with_gravity(record: Any, joints: Joints, size: float) -> Any:
         torque = drive.motor_gain * record.current
     gravity = drive.joint_torque(torque + pose @ coefficients)
     return replace(record, torque=gravity, current=None)
+
+
+def as_commanded(record: Any, joints: Joints, size: float) -> Any:
+    """Take the torque of the law in place of the logged one."""
+    commanded = commanded_torque(record)
+    if commanded is None or not record.reference_pulses.any():
+        raise ValueError("the record must have a law without memory, and a reference. Map both.")
+    return replace(record, torque=record.rig.drive.limited(commanded), current=None)
+
+
+def with_rate(record: Any, joints: Joints, size: float) -> Any:
+    """Give a P law the rate of its error, of so many seconds of its gain."""
+    law = record.law
+    if not isinstance(law, P):
+        raise ValueError(f"the law must be P; got {type(law).__name__}.")
+    # The pole of the rate is not known; a log shows nothing faster than its samples.
+    law = PD(gain=law.gain, derivative=size * np.array(law.gain), filter=1 / record.rig.period)
+    return replace(record, law=law)
 
 
 def scaled_counts(record: Any, joints: Joints, size: float) -> Any:

@@ -20,7 +20,9 @@ from plant.checkup.evidence import (
     gains_evidence,
     grid_evidence,
     inverse_slopes,
+    model_evidence,
     period_evidence,
+    rate_evidence,
     rounding_evidence,
     slopes,
     steps_evidence,
@@ -31,6 +33,7 @@ from plant.checkup.evidence import (
 )
 from plant.checkup.hypothesis import Hypothesis, Joints, each_joint, pairs
 from plant.checkup.undo import (
+    as_commanded,
     counted_in_steps,
     counts_in_time,
     exchanged_counts,
@@ -56,6 +59,7 @@ from plant.checkup.undo import (
     turned_torque,
     with_counts,
     with_gravity,
+    with_rate,
 )
 
 # What tells rivals apart, where several rows need the same measurement.
@@ -181,6 +185,16 @@ def _units() -> Iterator[Hypothesis[Any]]:
         measurement="Log a pose at rest: the torque holds the arm.",
         against=20.0,
     )
+    yield Hypothesis(
+        name="torque of a model",
+        check="units of torque",
+        sentence="The torque is of a model, not measured: it has no dry friction, the law's has",
+        remedy="Log what the drive measures, or leave the column out.",
+        undo=as_commanded,
+        measurement="Turn a joint slowly: its measured torque jumps where it turns back.",
+        evidence=model_evidence,
+        against=8.0,
+    )
     gears = lambda rig: np.abs(rig.drive.gear)  # noqa: E731
     both = {
         "in degrees, not in radians": ("units of counts", lambda rig: 180 / np.pi),
@@ -265,6 +279,17 @@ def _statements() -> Iterator[Hypothesis[Any]]:
         measurement="Turn a joint slowly through zero: a wide cell is twice the others.",
         evidence=rounding_evidence,
         against=3.0,
+    )
+    yield Hypothesis(
+        name="rate of the error",
+        check="units of torque",
+        sentence="The law lacks the rate of its error, of {value:.2g} s times its gain",
+        remedy="State a PD law.",
+        undo=with_rate,
+        measurement=_BLOCKED,
+        evidence=rate_evidence,
+        tolerance=0.05,
+        unit="s",
     )
     yield Hypothesis(
         name="gains in A",

@@ -136,6 +136,23 @@ def test_a_motion_that_curves_within_a_few_samples_is_no_noise():
     assert [f.verdict for f in checkup.findings if f.check == "noise"] == ["fine", "fine"]
 
 
+def test_what_a_fast_loop_does_between_samples_of_a_slow_log_is_no_noise():
+    """A shake of 37 Hz that a log at 100 Hz shows; one at 1 kHz has it as a motion, and 3 counts of
+    noise are noise there.
+    """
+    verdicts = []
+    for period, size in ((0.01, 0.0), (1e-3, 0.0), (1e-3, 3.0)):
+        t = period * np.arange(int(6 / period))
+        swing = np.column_stack([9000 * np.sin(2 * t), 7000 * np.cos(3 * t)])
+        noise = size * np.random.default_rng(0).normal(size=swing.shape)
+        counts = np.floor(swing + 1.3 * np.sin(2 * np.pi * 37 * t)[:, None] + noise)
+        log = Record(t=t, error_pulses=-counts, rig=replace(RIG, period=period))
+        verdicts.append(
+            {f.verdict.split(":")[0] for f in log.check().findings if f.check == "noise"}
+        )
+    assert verdicts == [{"cannot tell"}, {"fine"}, {"look"}]
+
+
 def test_a_motor_that_its_loop_shakes_is_no_noise():
     """Torques of the rounded error's rate shake the elbow by a count, at 150 Hz; a noise of 3
     counts is told there.

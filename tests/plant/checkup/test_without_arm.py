@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from plant import (
+    PD,
     Elasticity,
     Harmonics,
     Hypothesis,
@@ -127,6 +128,27 @@ def test_gravity_that_a_driver_takes_out_is_named(record):
     gravity = np.column_stack([np.interp(rows, rows[::20], column) for column in gravity.T])
     cause = with_torque(record, record.torque - gravity).check().causes[0]
     assert cause.name == "torque without gravity"
+
+
+def test_inverse_dynamics_in_place_of_a_measured_torque_is_named(record):
+    motion = PATH(record.t[::20])
+    arm = puma560.literature_arm(0.8)
+    torque = np.array([np.ravel(arm.inverse(*state)) for state in zip(*motion[:3], strict=True)])
+    rows = np.arange(len(record.t))
+    torque = np.column_stack([np.interp(rows, rows[::20], column) for column in torque.T])
+    cause = with_torque(record, torque).check().causes[0]
+    assert cause.name == "torque of a model"
+
+
+def test_a_law_that_lacks_the_rate_of_its_error_is_named():
+    gain = np.array((0.13, 0.09))
+    law = PD(gain=gain, derivative=0.008 * gain, filter=800.0)
+    made = simulate(puma560.literature_arm(0.7), RIG, law, PATH, steps_per_sample=8)
+    stated = dataclasses.replace(made, law=puma560.p_law(gain), reference=None, current=None)
+    cause = stated.check().causes[0]
+    assert cause.name == "rate of the error"
+    assert cause.size == pytest.approx(0.008, rel=0.2)
+    assert made.check().causes == ()
 
 
 def test_a_right_log_has_no_cause_and_stays_as_it_is(record):
