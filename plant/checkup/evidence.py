@@ -286,7 +286,7 @@ def _differences(experiment):
         yield ours, _centred(experiment.filtered("torque", logged, i).value) - ours
 
 
-def _explained(experiment, commanded, difference, columns):
+def _likelier(experiment, commanded, difference, columns):
     """Coefficients of columns (M, k) in a difference of torques, and what likelier they make it."""
     columns = columns - columns.mean(axis=0)
     size = np.maximum(np.sqrt((columns**2).sum(axis=0)), np.finfo(float).tiny)
@@ -298,15 +298,15 @@ def _explained(experiment, commanded, difference, columns):
 
 def rate_evidence(experiment: Experiment, joints: Joints) -> Iterator[tuple[float, float]]:
     """Log odds of a logged torque that grows with the rate of the error, as of PD stated as P."""
-    law, signals = experiment.record.law, experiment.signals
-    rates, odds = [], 0.0
-    for i, torques in enumerate(_differences(experiment) if hasattr(law, "gain") else ()):
+    signals = experiment.signals
+    rates, odds = list[float](), 0.0
+    for i, (commanded, difference) in enumerate(_differences(experiment)):
         reference = experiment.filtered("reference", signals.reference, i)
         counts = experiment.filtered("counts", signals.counts, i)
-        gain = _ratios(torques[0], _centred(reference.value - counts.value))
+        gain = _ratios(commanded, _centred(reference.value - counts.value))
         column = gain * (reference.speed - counts.speed)
-        value, likelier = _explained(experiment, *torques, column[:, None])
-        rates.append(value[0])
+        value, likelier = _likelier(experiment, commanded, difference, column[:, None])
+        rates.append(float(value[0]))
         odds += likelier
     if rates and min(rates) > 0:
         yield float(np.median(rates)), odds
@@ -315,25 +315,20 @@ def rate_evidence(experiment: Experiment, joints: Joints) -> Iterator[tuple[floa
 def model_evidence(experiment: Experiment, joints: Joints) -> Iterator[tuple[float, float]]:
     """Log odds of a logged torque that is inverse dynamics: it has no friction, the law's has."""
     differences = list(_differences(experiment))
-    if not differences or experiment.motions is None:
+    equations, motions = experiment.equations_of_motion, experiment.motions
+    if not differences or equations is None or motions is None:
         return
-    measured = experiment.changed(as_commanded(experiment.record, joints, 1.0))
+    measured = experiment.changed(as_commanded(experiment.record, joints, 1.0)).motions
     odds = 0.0
-    for equation, torques, logged, motion in zip(
-        experiment.equations_of_motion,
-        differences,
-        experiment.motions,
-        measured.motions,
-        strict=True,
-    ):
-        # Friction beside the inertia, so that units do not count.
-        frictionless = (
-            logged.coulomb * motion.inertia < _FRICTIONLESS * motion.coulomb * logged.inertia
-        )
-        if not frictionless or motion.coulomb < _CERTAIN * motion.coulomb_std:
+    for i, (commanded, difference) in enumerate(differences):
+        motion, logged, equation = measured[i], motions[i], equations[i]
+        # Beside the size of the torque, so that units do not count.
+        share = logged.coulomb / np.std(commanded + difference) * np.std(commanded)
+        significant = motion.coulomb > _CERTAIN * motion.coulomb_std
+        if not significant or not share < _FRICTIONLESS * motion.coulomb:
             return
         columns = np.column_stack([equation.own, equation.free])
-        odds += _explained(experiment, *torques, columns)[1] - columns.shape[1]
+        odds += _likelier(experiment, commanded, difference, columns)[1] - columns.shape[1]
     yield 1.0, odds
 
 

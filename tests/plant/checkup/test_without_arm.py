@@ -142,7 +142,7 @@ def test_inverse_dynamics_in_place_of_a_measured_torque_is_named(record):
 
 def test_a_law_that_lacks_the_rate_of_its_error_is_named():
     gain = np.array((0.13, 0.09))
-    law = PD(gain=gain, derivative=0.008 * gain, filter=800.0)
+    law = PD(gain=gain, derivative=0.008 * gain, filter=800.0, period=RIG.period)
     made = simulate(puma560.literature_arm(0.7), RIG, law, PATH, steps_per_sample=8)
     stated = dataclasses.replace(made, law=puma560.p_law(gain), reference=None, current=None)
     cause = stated.check().causes[0]
