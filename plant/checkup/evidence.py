@@ -298,11 +298,13 @@ def _likelier(experiment, commanded, difference, columns):
 
 def rate_evidence(experiment: Experiment, joints: Joints) -> Iterator[tuple[float, float]]:
     """Log odds of a logged torque that grows with the rate of the error, as of PD stated as P."""
-    signals = experiment.signals
+    references = experiment.signals.reference
     rates, odds = list[float](), 0.0
+    if references is None:
+        return
     for i, (commanded, difference) in enumerate(_differences(experiment)):
-        reference = experiment.filtered("reference", signals.reference, i)
-        counts = experiment.filtered("counts", signals.counts, i)
+        reference = experiment.filtered("reference", references, i)
+        counts = experiment.filtered("counts", experiment.signals.counts, i)
         gain = _ratios(commanded, _centred(reference.value - counts.value))
         column = gain * (reference.speed - counts.speed)
         value, likelier = _likelier(experiment, commanded, difference, column[:, None])
@@ -316,9 +318,9 @@ def model_evidence(experiment: Experiment, joints: Joints) -> Iterator[tuple[flo
     """Log odds of a logged torque that is inverse dynamics: it has no friction, the law's has."""
     differences = list(_differences(experiment))
     equations, motions = experiment.equations_of_motion, experiment.motions
-    if not differences or equations is None or motions is None:
-        return
     measured = experiment.changed(as_commanded(experiment.record, joints, 1.0)).motions
+    if not differences or equations is None or motions is None or measured is None:
+        return
     odds = 0.0
     for i, (commanded, difference) in enumerate(differences):
         motion, logged, equation = measured[i], motions[i], equations[i]

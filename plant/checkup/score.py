@@ -455,8 +455,8 @@ class Experiment:
             freedom = self._freedom(self.equations_of_motion[0])
             unexplained = np.array([motion.unexplained for motion in self.motions])
             coupled = self.n <= SETTINGS.coupled
-            floor = (SETTINGS.motion if coupled else SETTINGS.uncoupled) * self.weakness
-            terms["motion"] = -freedom / 2 * np.log(np.minimum(unexplained + floor, 1.0))
+            lacking = (SETTINGS.motion if coupled else SETTINGS.uncoupled) * self.weakness
+            terms["motion"] = -freedom / 2 * np.log(np.minimum(unexplained + lacking, 1.0))
             drive = self.record.rig.drive
             terms["inertia"] = np.array(
                 [
@@ -494,12 +494,11 @@ class Experiment:
         Where no loop drives a motor, the others move it, and what the regression lacks of their
         torques is large beside its own.
         """
-        if self.signals.reference is not None:
+        if self.signals.reference is not None or self.torque is None:
             return np.ones(self.n)
-        power = np.var(self.torque, axis=0)
-        weakness = power.max() / np.maximum(power, _RIDGE * power.max() or 1.0)
-        if self.base is None:
-            return weakness
+        if self.base is None or self.base.torque is None:
+            power = np.var(self.torque, axis=0)
+            return power.max() / np.maximum(power, _RIDGE * power.max() or 1.0)
         # Another unit makes no motor stronger: a column that was another motor's is as weak as that.
         rows = slice(None, None, max(1, len(self.torque) // SETTINGS.rows))
         before, after = (_centred(torque[rows]) for torque in (self.base.torque, self.torque))
