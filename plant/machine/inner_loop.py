@@ -56,7 +56,7 @@ class InnerLoop(Part, abc.ABC):
 
     @abc.abstractmethod
     def values(self, rig: Any, frame: Frame) -> ca.SX:
-        """A frame as the bus takes it: the rows of `Running.goal` or `.frame`, one below another."""
+        """A frame as the bus takes it: the rows of `Running.goal` or `.frame` joined."""
 
     def added(self, rig: Any, q: ca.SX, qd: ca.SX, frame: Frame) -> ca.SX:
         """Joint torque (n, 1) [N m] of a frame on a joint that is on its reference q, qd."""

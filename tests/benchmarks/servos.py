@@ -1,6 +1,6 @@
 """Arms whose torque is not ours: an SO-101 on position servos and a YAM on MIT frames, in MuJoCo.
 
-    python tests/benchmarks/servos.py [--only so101,sides,yam,elastic,late,bandwidths] [--seconds 10]
+    python tests/benchmarks/servos.py [--only so101,sides,yam,elastic,openarm,late,bandwidths] [--seconds 10]
 
 The arm is MuJoCo's, the inner loops run at their own rates in this file, and only counts, goals and
 frames cross between both and the running controller of the library. A cell is the peak and the RMS
@@ -44,6 +44,7 @@ from plant import (
     PositionServo,
     Rig,
     Transport,
+    read_robot,
 )
 
 # Body of each joint: position, orientation, mass, centre, inertia (full), all as MJCF has them.
@@ -481,11 +482,73 @@ def run_elastic(seconds):
     table("YAM, 500 Hz, elastic gears, S1", list(paths), rows)
 
 
+# -- OpenArm ---------------------------------------------------------------------------------------
+OPENARM_POSE = np.array([0.3, 0.4, 0.2, 1.2, 0.1, 0.2, 0.1])
+
+
+def openarm(truth):
+    """The packaged robot; nobody has measured its friction, so it is that of the YAM's drives."""
+    robot = read_robot("openarm")
+    drive = robot.rig.drive
+    rows = []
+    for link, body in zip(robot.dynamics.chain.links, robot.dynamics.chain.bodies, strict=True):
+        # MJCF has the inertia in the frame of the joint.
+        turn = np.array(link.frame.rotation)
+        xx, xy, xz, yy, yz, zz = body.inertia
+        full = turn @ np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) @ turn.T
+        quaternion = np.empty(4)
+        mujoco.mju_mat2Quat(quaternion, np.array(link.before.rotation).ravel())
+        centre = turn @ body.com + np.array(link.frame.position)
+        places = (link.before.position, quaternion, centre)
+        place, pose, com = (" ".join(f"{x:.17g}" for x in vector) for vector in places)
+        inertia = (*np.diag(full), full[0, 1], full[0, 2], full[1, 2])
+        rows.append((link.name, place, pose, body.mass, com, inertia))
+    large = np.array([1, 1, 1, 1, 0, 0, 0], bool)
+    machine = Machine(
+        rows=tuple(rows),
+        rotors=drive.motor_inertia * drive.gear**2,
+        viscous=np.where(large, 0.1, 0.02),
+        coulomb=np.where(large, 0.3, 0.06),
+        torque_limit=np.array(robot.rig.inner.limits[4]),
+        counts_per_radian=np.full(7, 65535 / 25),
+        truth=TRUTHS[truth],
+        step=1e-4,
+    )
+    return machine, robot.rig.inner
+
+
+def run_openarm(seconds):
+    n = len(OPENARM_POSE)
+    paths = motions(OPENARM_POSE, np.full(n, 0.6), (5, 6, 7))
+    machine, stock = openarm("S0")
+    gears = np.array(read_robot("openarm").rig.drive.gear)
+    rows = []
+    for stiffness in ("stock", 40, 80):
+        arm, rig = believed(machine, machine.rows, 0.002, stock, gear=gears)
+        if stiffness != "stock":
+            drive = MitDrive.for_arm(
+                arm, rig, stiffness=stiffness, pose=OPENARM_POSE, limits=stock.limits
+            )
+            rig = dataclasses.replace(rig, inner=drive)
+        for truth in ("S1", "S2"):
+            for name, start in laws(arm, rig).items():
+                if name != "computed torque" and (stiffness != "stock" or name == "plain"):
+                    continue
+                cells = compare(
+                    lambda truth=truth: openarm(truth)[0],
+                    lambda machine: Frames(machine, gears),
+                    start, paths, seconds,
+                )  # fmt: skip
+                rows.append((f"{truth} {name}, drive {stiffness}", cells))
+    table("OpenArm, 500 Hz [counts of 25/65535 rad]", list(paths), rows)
+
+
 PARTS = {
     "so101": run_so101,
     "sides": run_sides,
     "yam": run_yam,
     "elastic": run_elastic,
+    "openarm": run_openarm,
     "late": run_late,
     "bandwidths": run_bandwidths,
 }
