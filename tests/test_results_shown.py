@@ -32,6 +32,7 @@ from ctc.campaigns.judgement import Change, Judgement
 from ctc.certification.reserves import Reserves
 from ctc.learning.learning import Learning
 from ctc.payload.controller import PayloadEvent
+from ctc.tuning.inner_loops import InnerTrial
 from ctc.tuning.tuning import Trial, Tuning
 from ctc.verdict.evaluations import Comparison
 from ctc.verdict.on_gears import LowestResonance
@@ -49,7 +50,7 @@ from identification.results.gears import Gears
 from identification.results.model_files import WrittenModel
 from identification.results.physical import Physical
 from identification.search.outcome import GearResonance
-from plant import Body, Dynamics, puma560, simulate, visibility
+from plant import Body, Dynamics, PositionServo, puma560, simulate, visibility
 from plant.checkup.hypothesis import Cause, Rival
 from plant.models.check import ModelCheck, ModelFinding
 from plant.parts.shown import Shown, Verdict
@@ -257,6 +258,14 @@ RESULTS = {
         kind="asymmetric", share=None, better=0.4, errors=9.0, levels=np.ones(2), usual=np.ones(2)
     ),
     "GearResonance": gears,
+    "InnerTrial": lambda: InnerTrial(
+        register=NASTY[0],
+        inner=PositionServo(gain=(0.1, 0.1)),
+        left=1,
+        of=64,
+        peak=3.0,
+        chatter=np.ones(2),
+    ),
     "Gears": seen,
     "Identification": found,
     "Judgement": lambda: Judgement(
