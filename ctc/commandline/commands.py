@@ -61,6 +61,7 @@ def run_demo(options: Namespace) -> Answer:
 def run_robots(options: Namespace) -> Answer:
     """List the robot files of the package, print one, or begin one from a URDF file."""
     # 1. What is asked for: a list, a file of the package, or a new one.
+    # From the folder itself, so that a new robot file needs no second list.
     names = sorted(path.stem for path in FOLDER.glob("*.toml"))
     new = options.name == "new"
     if new and options.model is None:
@@ -73,6 +74,7 @@ def run_robots(options: Namespace) -> Answer:
             "a model file, --base and --tip go with new: onepulse robots new ROBOT.urdf. Write so."
         )
     if options.name is None:
+        # Each file is read: a broken one shows here, not when somebody needs it.
         titles = {name: read_robot(name).name for name in names}
         width = max(map(len, names))
         return Answer(
@@ -92,6 +94,7 @@ def run_robots(options: Namespace) -> Answer:
     if new:
         text = new_robot_file(options.model, place or Path("robot.toml"), options.base, options.tip)
     else:
+        # A copy of the robot file alone would name a model that is not beside it.
         model = read_robot(options.name).model
         text = (FOLDER / f"{options.name}.toml").read_text(encoding="utf-8")
     # Every robot file ends with the columns of its logs, which nobody else can know.
@@ -104,6 +107,7 @@ def run_robots(options: Namespace) -> Answer:
         places.append(new_place(str(place.with_name(model.name)), options.force))
         shutil.copyfile(model, places[1])
     write_whole(place, [text])
+    # Scripts read the list of files; people read the sentence.
     message = f"wrote {', '.join(map(str, places))}"
     if new:
         message += f'; replace each "{MISSING}" in it'
@@ -118,6 +122,7 @@ def run_check(options: Namespace) -> Answer:
     causes = {}
     good = True
     logs, contents = described(options.logs, robot)
+    # Logs without a mapping are described in place of a check: the mapping is what is needed next.
     texts = [description.toml() for description in contents]
     for record in records_of(logs, robot, options.cut) if logs else ():
         checkup = record.check()
@@ -188,6 +193,7 @@ def run_fit_torque(options: Namespace) -> Answer:
     records = records_of(options.logs, robot, options.cut)
     held_out = records_of(options.held_out, robot, options.cut) if options.held_out else ()
     dynamics = cast(Dynamics, robot.dynamics)
+    # The command names numbers beside f; the function wants all unknowns.
     unknown = options.unknown and (*dynamics.names, *options.unknown)
     fit = fit_torque(dynamics, records, unknown=unknown, prior=options.prior)
     # The error of the fit's own logs comes before that of others: the two are compared.
@@ -195,6 +201,7 @@ def run_fit_torque(options: Namespace) -> Answer:
     errors |= {
         f"{record.name} (held out)": fit.error_on(record, band=options.band) for record in held_out
     }
+    # The fit first: the errors are read beside its warnings.
     texts = [str(fit), *(f"{name}: {error}" for name, error in errors.items())]
     data = {
         "causes": _ranked(fit.causes),

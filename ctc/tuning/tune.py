@@ -131,7 +131,6 @@ def tune(
     True 0
     """
     # 1. The inner loop, arguments and samples.
-    vary = varied(vary)
     task_above = functools.partial(
         _task,
         found,
@@ -144,7 +143,7 @@ def tune(
         seed=seed,
         threads=threads,
         executor=executor,
-        settings=(allowed, *vary),
+        settings=(allowed, *varied(vary)),
     )
     loops = inner_trials(
         inner,
@@ -164,7 +163,7 @@ def tune(
     fresh = task.sampled(validated, 1)
     # 2. The best tuning of each family.
     common = _common_options(task, fresh, after, allowed)
-    laws = families(found, fresh.arm, fresh.own, task.reference, vary)
+    laws = families(found, fresh.arm, fresh.own, task.reference, varied(vary))
     context = contextlib.nullcontext() if executor is None else Executor(executor)
     with context as shared, task.checkpoint as stages:
         searches = _searches(laws, stages, common, {"threads": task.threads, "executor": shared})
@@ -179,8 +178,7 @@ def tune(
             if interrupted:
                 samples = min(samples, SETTINGS.interrupted_samples)
             judged: dict[str, Any] = {"within": within, "after": after, "duration": duration}
-            running: dict[str, Any] = {"threads": threads, "progress": progress}
-            running["executor"] = executor
+            running = {"threads": threads, "progress": progress, "executor": executor}
             part = None if interrupted or executor is not None else stages.part("certificate")
             with warnings.catch_warnings(), bar.part(of_certificate, "certificate"):
                 warnings.simplefilter("ignore", IdentificationWarning)  # `tune` has given it

@@ -95,11 +95,13 @@ class FloatVerdict(Shown, Frozen):
 
     def _short(self) -> str:
         force = f"hand force {_rms(self.limp):.3g} -> {_rms(self.floating):.3g} N rms"
+        # NaN of a diverged arm compares false: such an arm does not rest.
         resting = np.all(np.abs(self.drift) <= SETTINGS.rests, axis=1)
         return f"{force}; {np.count_nonzero(resting)} of {len(self.drift)} released arms rest"
 
     def _shown(self) -> Iterator[Piece]:
         yield Verdict(self._short(), self.rests)
+        # The force without the law comes first: what the law leaves of it is its merit.
         quantities = {
             "hand force, limp [N]": self.limp,
             "hand force, floating [N]": self.floating,
@@ -156,7 +158,9 @@ def evaluate_float(
     random = np.random.default_rng(seed)
     dynamics = law.arm.dynamics
     poses = law.poses()[: SETTINGS.poses]
+    # A hand moves joints together, in any ratio.
     directions = random.normal(size=poses.shape)
+    # A direction may turn the tool about its own tip: the force is then bounded, not infinite.
     ways = np.maximum(_ways(dynamics.chain, poses, directions, tip), 1e-9)
     limp = []
     floating = []
@@ -170,6 +174,7 @@ def evaluate_float(
         floating.append((helped * directions).sum(axis=1) / ways)
 
         # 2. The arm when the hand lets go of it.
+        # One release for each arm: a simulation takes longer than the forces at all poses.
         pose = poses[random.integers(len(poses))]
         start = np.stack([pose, speed * np.sign(random.normal(size=arm.n))])
         ways_of_joints = _released(arm, rig, law, start)

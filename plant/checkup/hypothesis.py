@@ -22,6 +22,7 @@ Joints = tuple[int, ...]
 
 def whole(n: int) -> Iterator[Joints]:
     """The scope of a mistake that concerns the log or the rig as a whole."""
+    # One empty scope, not none: such a mistake is tried once, of no joint in particular.
     yield ()
 
 
@@ -125,7 +126,9 @@ class Candidate(NamedTuple):
     joints: Joints
     size: float
     log_odds: float
+    # A function: undoing a mistake takes time, and only the likeliest candidate is undone.
     corrected: Callable[[], Any]
+    # A size alone cannot say all that a sentence needs, such as the unit in place of another.
     words: Mapping[str, str] = {}
 
 
@@ -186,12 +189,14 @@ class Cause(Shown):
     @property
     def odds(self) -> str:
         """The odds as a power of ten, "1e6", and those of the runner-up."""
+        # Odds alone do not show how clearly the cause leads: the next one gives the distance.
         runner_up = self.runner_up
         following = f"; next: {runner_up.name}, {_power(runner_up.log_odds)}" if runner_up else ""
         return f"{_power(self.log_odds)}{following}"
 
     def _short(self) -> str:
         joints = f" of joint {', '.join(map(str, self.joints))}" if self.joints else ""
+        # A switch, such as an exchange of columns, has a size without a unit: it says nothing.
         size = f" {self.size:.3g} {self.unit}".rstrip() if self.unit else ""
         return f"{self.name}{joints}{size}, odds {self.odds}"
 
@@ -203,6 +208,7 @@ class Cause(Shown):
     def line(self) -> str:
         """What is wrong with which odds, what else it may be, and what to do, as one line."""
         sentence = f"{self.sentence} (odds {self.odds})"
+        # One full stop after each part, whether its author wrote one or not.
         parts = (sentence, self.doubt.rstrip("."), self.remedy.rstrip("."))
         return "".join(f"{part}. " for part in parts if part).rstrip()
 
@@ -211,6 +217,7 @@ class Cause(Shown):
         """A sentence about the causes that explain nearly as much; empty without one."""
         if not self.rivals:
             return ""
+        # One mistake at several joints is one name in the sentence.
         names = ", ".join(dict.fromkeys(rival.name for rival in self.rivals))
         measurements = dict.fromkeys(rival.measurement for rival in self.rivals)
         advice = " ".join(measurement for measurement in measurements if measurement)
@@ -315,14 +322,18 @@ def select(
     that one, or None to end.
     """
     limit = settings.accepted
+    # A log with more mistakes than that is judged anew after the first ones are corrected.
     for _ in range(settings.causes):
         ranked = sorted(candidates(experiment), key=lambda candidate: -candidate.log_odds)
         if not ranked or not ranked[0].log_odds > limit:
             return
+        # Traces of a mistake grow with its own evidence, so the limit of the next one does, too.
         limit = max(settings.accepted, settings.traces * ranked[0].log_odds)
         following = accept(ranked)
         if following is None:
             return
+        # Every further candidate is judged beside the correction: a second mistake may show only
+        # then.
         experiment = following
 
 
@@ -349,6 +360,7 @@ def _cause(ranked: list[Candidate], labels: tuple[str, ...], settings: Selection
     hypothesis = best.hypothesis
     others, near = beside(ranked, settings)
     certain = hypothesis.parameter or not any(rival.hypothesis.parameter for rival in near)
+    # A sentence has two joints at most; a mistake of the whole log has none.
     joint, other = ([labels[j] for j in best.joints] + ["", ""])[:2]
     words = {"joint": joint, "other": other, "value": best.size, **best.words}
     remedy = hypothesis.remedy.format(**words) if certain else "Do not correct the log for it."
@@ -370,5 +382,6 @@ def _cause(ranked: list[Candidate], labels: tuple[str, ...], settings: Selection
 def _rival(candidate: Candidate, best: Hypothesis[Any]) -> Rival:
     """A candidate beside the best hypothesis."""
     rival = candidate.hypothesis
+    # Either of the two may know what tells them apart; the likelier one is asked first.
     measurement = best.measurement or rival.measurement
     return Rival(rival.name, candidate.joints, candidate.size, candidate.log_odds, measurement)

@@ -36,6 +36,7 @@ def cause_findings(ranking: Ranking[Experiment]) -> Iterator[Finding]:
         before = ranking.experiments[k]
         after = ranking.experiments[k + 1]
         joints: Any = cause.joints or range(before.n)
+        # Encoders and clock belong to the rig: one finding, not one per joint.
         if cause.check in ("rounding", "period"):
             joints = (None,)
         for i in joints:
@@ -48,6 +49,7 @@ def cause_findings(ranking: Ranking[Experiment]) -> Iterator[Finding]:
 
 def _harmless(cause: Cause) -> bool:
     """Whether a cause is to be looked at: a parameter, or a small error that an arm may have."""
+    # Friction is a number that an identification finds; a wrong guess of it is no mistake of a log.
     if not cause.certain or cause.name.endswith("friction"):
         return True
     if cause.check == "delay":
@@ -58,6 +60,7 @@ def _harmless(cause: Cause) -> bool:
 def _measured(cause, before, after, i):
     """The measured value of a cause at joint i, and its unit."""
     if cause.check == "swapped joints":
+        # The size that a user can check: how far the counts are off what they were asked for.
         return 100 * np.sqrt(before.tracking[i]), "% off its reference"
     if cause.check == "gear sign":
         return before.signals.tracking_slope[i], "of the reference"

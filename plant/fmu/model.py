@@ -109,6 +109,7 @@ def arm_variables(arm: Arm) -> list[Variable]:
 
 def described(version: int, variables: Sequence[Variable], files: Sequence[str]) -> dict[str, str]:
     """Lists of a model description; the value reference of a variable is its index, reals first."""
+    # The structure of a model lists what it computes, and no inputs.
     places = [place for place, variable in enumerate(variables) if not variable.settable]
     lists = {
         "variables": [
@@ -224,6 +225,7 @@ def _observed(loop: ClosedLoop) -> str:
     sound = ca.logic_and(state.ok > 0, bounded(ca.vertsplit(ca.vertcat(state.q, state.qd))))
     # A state that has diverged must end the simulation with an error instead of counts.
     function = ca.Function("observed", [symbols], [ca.cse(ca.vertcat(q, qd, counts, sound))])
+    # One function for outputs and soundness, so that a master cannot read counts without asking.
     text = _body(
         function,
         [_state(loop)],
@@ -236,6 +238,7 @@ def _body(
     function: ca.Function, inputs: list[list[tuple[str, int]]], targets: dict[str, range | None]
 ) -> str:
     """Statements that write the results into arrays, after all inputs have been read."""
+    # C of the casadi function: an FMU must run where neither casadi nor Python is.
     lines, values, _ = statements(function, inputs)
     # Statements that depend on fewer inputs come first, since the others use their results.
     listed = "".join(f"    {value},\n" for value in values)

@@ -159,17 +159,22 @@ def role_of(name: str, values: Floats, unit: str | None) -> Role:
     """The likely role of a column (N,) or block (N, k), whose unit the file may state."""
     words = _words(name)
     quantities = {_WORDS[word] for word in words if word in _WORDS}
+    # LeRobot data sets name positions so, and goals `action`.
     if {"observation", "state"} <= set(words) or words == ["action"]:
         quantities |= {"position"}
     quantity = next((q for q in _ORDER if q in quantities), "other")
+    # Exports by hand often have a column per joint, called by its name.
     if quantity == "other" and not _JOINTS.isdisjoint(words):
         quantity = "position"
     # A single letter such as i numbers joints as often as it means a current.
     if quantity == "current" and "position" in quantities and not {"q", "pos"}.isdisjoint(words):
         quantity = "position" if "i" in words else quantity
+    # The file states a unit on purpose, while words of a name may be accidental.
     quantity = _UNIT_QUANTITIES.get(unit or "", quantity)
+    # Whole numbers over a wide range are counts, even where the name says position.
     if quantity == "position" and unit is None and _are_counts(values):
         quantity = "counts"
+    # Words outside the vocabulary name joints, by which columns of one group differ.
     vocabulary = _WORDS.keys() | _COMMANDED | _MEASURED
     return Role(
         quantity=quantity,
@@ -186,10 +191,12 @@ def folder_of(name: str) -> str:
 
 def time_unit(values: Floats) -> str:
     """The likely unit of times (N,)."""
+    # Unix times of each unit are of another order of magnitude, so the start alone decides.
     start = float(np.nanmin(values)) if np.isfinite(values).any() else 0.0
     unix = next((unit for unit, least in _UNIX.items() if start > least), None)
     if unix is not None:
         return unix
+    # The median of the steps that are positive: rows may repeat a time, or be missing.
     steps = np.diff(values)
     step = float(np.median(steps[steps > 0])) if (steps > 0).any() else 0.0
     # The usual periods are tried in all units before the rare ones: 1 is 1 ms rather than 1 s.
@@ -220,6 +227,7 @@ def _likely_units(quantity: str, words: Iterable[str], values: Floats) -> tuple[
     if quantity == "time":
         return (time_unit(values),) if values.ndim == 1 else ()
     if quantity == "position":
+        # A unit that is part of the name needs no brackets.
         stated = {"rad": "rad", "deg": "deg", "rev": "turns", "turns": "turns"}
         named = [unit for word, unit in stated.items() if word in set(words)]
         if named:
@@ -229,6 +237,8 @@ def _likely_units(quantity: str, words: Iterable[str], values: Floats) -> tuple[
             return ("deg", *shares)
         return ("rad", "turns") if largest <= SETTINGS.max_turns else ("rad",)
     if quantity == "torque":
+        # Both units are offered, since the size of a torque does not show on which side of a gear
+        # it is.
         if "motor" in set(words):
             return ("motor N m", "N m")
         # Drivers of ROS publish currents, or a share of a rated torque, as an effort.
@@ -247,6 +257,7 @@ def groups_of(
     """Columns that differ by their joint alone."""
     groups = dict[tuple[str, bool, tuple[str, ...]], list[str]]()
     for name, role in roles.items():
+        # Joints of one signal share quantity, direction and folder; their names differ by one word.
         groups.setdefault((role.quantity, role.commanded, role.group), []).append(name)
     return groups
 
@@ -275,6 +286,7 @@ def fields_of(roles: Mapping[str, Role], n: int | None) -> dict[str, list[str]]:
 
     # Counts come before angles, which a converter may have rounded.
     measured = best("counts", size=n) or best("position", size=n)
+    # Other columns must have as many joints as the measured one, else they belong to another arm.
     size = len(measured) or n
     fields = {
         "t": best("time")[:1],

@@ -78,6 +78,7 @@ class LogContents:
 
     def __str__(self) -> str:
         # JSON of names and lists is Python as well, with double quotes.
+        # The words of a script: what is printed can be copied as it stands.
         columns = json.dumps(dict(self.columns), ensure_ascii=False)
         units = json.dumps(dict(self.units), ensure_ascii=False)
         path = json.dumps(self.path, ensure_ascii=False)
@@ -94,6 +95,7 @@ class LogContents:
 
     def toml(self) -> str:
         """The description with the mapping as the tables of a robot file."""
+        # Without positions a table [columns] would be refused when it is read.
         if not self.columns:
             return "\n".join([*self._listed(), *self._without_mapping()])
         lines = ["Check this mapping, then put it into the robot file:"]
@@ -140,6 +142,7 @@ def contents_of(
     with load_errors(path):
         kind = kind_of(path)
         options = options_of(kind, episode)
+        # A look at a log must not fail because of a column of words.
         table = read_file(kind, path, None, prefix, numbers_only=True, **options)
     columns = _single_columns(table)
     fields, roles = _likely(columns, table.units, n)
@@ -169,6 +172,7 @@ def _likely(
     columns: Mapping[str, NDArray[Any]], stated: Mapping[str, str], n: int | None
 ) -> tuple[dict[str, list[str]], dict[str, Role]]:
     """Likely fields of a record, and the role of each column."""
+    # What the file states beside a name is more certain than brackets in it.
     units = {name: stated.get(name) or without_unit(name)[1] for name in columns}
     roles = {name: role_of(name, values, units[name]) for name, values in columns.items()}
     # The joint that moves most decides about the unit of all.
@@ -224,6 +228,7 @@ def _of_one_length(
         return dict(fields)
     folder = folder_of(measured)
     times = [name for name, role in roles.items() if role.quantity == "time"]
+    # The length decides before the topic: a clock of other samples is none.
     same = [name for name in times if len(columns[name]) == len(columns[measured])]
     beside = [name for name in same if folder_of(name) == folder]
     fields = dict(fields) | {"t": (beside or same)[:1]}
@@ -255,6 +260,7 @@ def _rate(times: Floats | None, unit: str) -> str:
     forward = steps[steps > 0]
     if not len(forward):
         return "it never increases"
+    # The median, so that gaps and repeated times do not change the period.
     step = float(np.median(forward))
     text = f"every {_seconds(step)} ({1 / step:.6g} Hz) for {t[-1]:.6g} s"
     # Jitter below a tenth of the period is that of any clock.

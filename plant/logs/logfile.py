@@ -46,6 +46,7 @@ _ADVICE = {
     ".zip": "Unpack it.",
     ".zst": "Unpack it.",
 }
+# Their topics have rates of their own, so one of them must be the clock.
 _OF_MESSAGES = ("mcap", "rosbag2")
 # These hold arrays of any shape; the others hold columns.
 _OF_ARRAYS = ("npz", "mat", "hdf5")
@@ -67,12 +68,14 @@ class LogTable(dict[str, NDArray[Any]]):
 
     def elements(self, name: str) -> list[str]:
         """Names of the columns of a block (N, k)."""
+        # Labels of a block are used only if there is one for every column.
         width = self[name].shape[1]
         labels = [label for label in self.available if label.startswith((f"{name}.", f"{name}["))]
         return labels if len(labels) == width else [f"{name}[{i}]" for i in range(width)]
 
     def text(self) -> tuple[str, ...]:
         """Names in the file that are neither a column of numbers nor an element of one."""
+        # An element stands for its block, which is a column of numbers.
         blocks = tuple(f"{name}{mark}" for name in self for mark in ".[")
         names = (name for name in self.available if name not in self)
         return tuple(name for name in names if not name.startswith(blocks))
@@ -101,6 +104,7 @@ def load_errors(path: str | Path) -> Iterator[None]:
     """Turn every failure to read a file into one `LoadError` of one line that names it."""
     try:
         yield
+    # Raised by an inner reader, with its own path: a second path would mislead.
     except LoadError:
         raise
     except FileNotFoundError:
@@ -115,6 +119,7 @@ def load_errors(path: str | Path) -> Iterator[None]:
 
 
 def _line(text: str) -> str:
+    # Messages of third-party readers may have several lines.
     return " ".join(text.split())
 
 
@@ -183,6 +188,7 @@ def kind_of(path: str | Path) -> str:
     for kind, inside in _FOLDERS.items():
         if Path(path, inside).is_file():
             return kind
+    # Windows programs write endings in capitals.
     suffix = Path(path).suffix.lower()
     if suffix not in _SUFFIXES:
         endings = f"{', '.join(_SUFFIXES)}, or be a folder with {' or '.join(_FOLDERS.values())}"
@@ -199,6 +205,7 @@ def _is_hdf5(path: str | Path) -> bool:
     if not Path(path).is_file():
         return False
     with open(path, "rb") as file:
+        # Both marks lie in the header of 128 bytes that every MAT file has.
         head = file.read(128)
     return head[:4] == b"\x89HDF" or head[124:128] in (b"\x00\x02IM", b"\x02\x00MI")
 

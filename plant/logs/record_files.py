@@ -53,10 +53,12 @@ class FromFiles:
             if getattr(record, name) is not None
         }
         columns |= {"valid": record.valid[:, None]}
+        # Viewers need the number of columns of each signal before the first message.
         topics = joint_topics(record.n, {name: values.shape[1] for name, values in columns.items()})
         # The centre of the quantisation cell is the best estimate of a position from its count.
         q = record.rig.cell_centre(record.counts)
         q_r = record.rig.to_angle(record.reference_pulses)
+        # A message of joint states may leave efforts out, as it does speeds.
         torque = columns.get("torque", np.zeros((len(times), 0)))
         with McapFile(path, record.rig.drive.joints, record.n, topics) as file:
             # Sample by sample, so that the messages of all topics are in order of time.
@@ -129,6 +131,7 @@ class FromFiles:
             )
         # Refusals of `Record` belong to the file as well, so it is made inside.
         with load_errors(path):
+            # In place of what the file states: a user who passes a rig means this one.
             fields = record_csv.read(path, rig=rig, law=law, reference=reference, initial=initial)
             record = cls(**fields | {"name": str(path)})
             return _with_goals_held(record) if held else record
@@ -212,6 +215,7 @@ class FromFiles:
             A file that cannot be read, or that does not hold what is mapped.
         """
         if columns is None:
+            # Its header states rig and law, so no mapping is needed.
             if record_csv.is_own(path):
                 return cls.from_csv(
                     path, rig=rig, law=law, reference=reference, initial=initial, held=held
@@ -244,6 +248,7 @@ class FromFiles:
         # The measured column is the clock of messages: its topic gives the instants of all samples.
         measured = next(log["columns"][field] for field in MEASURED if field in log["columns"])
         clock = measured if isinstance(measured, str) else measured[0]
+        # Records of one data set differ by their episode alone: messages must tell them apart.
         name = str(path) if episode is None else f"{path}, episode {episode}"
         with load_errors(name):
             options = options_of(kind, episode, clock)
@@ -320,6 +325,7 @@ class FromFiles:
             "initial": initial,
             "name": name,
         }
+        # Tuples: records compare and hash their mapping, which lists do not allow.
         arguments["columns"] = {
             key: value if isinstance(value, str) else tuple(value) for key, value in columns.items()
         }
@@ -342,6 +348,7 @@ class FromFiles:
 
 def _with_goals_held(record: Any) -> Any:
     """The record whose commanded counts (N, n) are goals that hold from row to row."""
+    # A path beside held goals would contradict them between two rows.
     if record.reference is not None and not record.reference.held:
         kind = type(record.reference).__name__
         raise ValueError(
@@ -349,6 +356,7 @@ def _with_goals_held(record: Any) -> Any:
             " out reference=, or held=."
         )
     goals = record.reference_pulses
+    # Constant goals are the mark of a column that is not the commanded one.
     if not np.ptp(goals, axis=0).any():
         raise ValueError(
             "held goals must move; the commanded counts are constant. Map the column of the goals"

@@ -22,6 +22,7 @@ from plant.parts.messages import warn
 Stated: TypeAlias = str | tuple[str, ...] | list[str] | Mapping[str, Any]
 
 _SHARES = {"per mille": 1e-3, "per cent": 1e-2}
+# Three patterns for three kinds of constants: a rated value, a range, a factor.
 _SHARE = re.compile(r"(per mille|per cent) of (.+)")
 _RANGE = re.compile(r"(-?\d{1,9}(?:\.\d{1,9})?) to (-?\d{1,9}(?:\.\d{1,9})?) of (.+)")
 _FACTOR = re.compile(r"(.+) per (.+)")
@@ -48,8 +49,10 @@ class StatedUnit:
 
     def converted(self, value: NDArray[Any]) -> NDArray[Any]:
         """The logged numbers (N, n) in `unit`."""
+        # Integers stay integers, and bits stay bits, where nothing is to be converted.
         if self.factor is None:
             return value
+        # One line serves scales and ranges: a scale has an offset of zero.
         result = value * self.factor + self.offset
         rounded = np.round(result)
         # A log of single precision holds scaled counts with an error of rounding.
@@ -102,6 +105,7 @@ def _heading_unit(field: str, columns: Mapping[str, Any], table: Mapping[str, An
     """The unit that a table states of all columns of a field; None where it states none."""
     names = columns[field] if isinstance(columns[field], (list, tuple)) else [columns[field]]
     of_table = getattr(table, "units", {})
+    # A joint without a second encoder has no column there.
     named = [name for name in names if name is not None]
     units = [unit for x in named if (unit := of_table.get(x) or without_unit(x)[1]) is not None]
     # A field with a single unit, such as counts, needs no words.
@@ -117,6 +121,7 @@ def _word(field: str, stated: Stated) -> str | tuple[str, ...] | tuple[re.Match[
         return _with_constants(field, stated, allowed)
     if not isinstance(stated, (tuple, list)):
         return _one_word(field, stated, allowed)
+    # Each word alone first, so that the message names the one that is wrong.
     words = tuple(_one_word(field, word, allowed) for word in stated)
     require_unit(field, words)
     return words
@@ -134,11 +139,13 @@ def _one_word(field: str, word: Any, allowed: tuple[str, ...]) -> str:
             f"unit {word!r} of {field!r} must state the rated {rated}; got none. Give"
             f' {{"{name} of {base}": rated}}.'
         )
+    # Many drivers publish currents as efforts: the commonest wrong unit has its own advice.
     if name in ("A", "mA") and "N m" in allowed:
         raise ValueError(
             f"unit of {field!r} must be one of torque, or have a torque constant; got {word!r}. Map"
             f" the column as 'current', or give {{\"N m per {name}\": constant}}."
         )
+    # Normalised positions have no unit at all; their ranges stand in the calibration.
     normalised = name in ("per cent", "-100 to 100", "0 to 100", "normalized", "normalised")
     if normalised and "rad" in allowed:
         raise ValueError(
@@ -194,6 +201,7 @@ def _stated(field: str, stated: Stated, n: int) -> StatedUnit:
     match, constants = word
     # A range has an offset as well, so it needs both ends of every joint.
     if match.re is _RANGE:
+        # The two ends of the logged range, which the user's pair says in `unit`.
         low, high = float(match[1]), float(match[2])
         ranges = _constants(field, constants, (n, 2), "a pair (least, most) per joint")
         if low >= high or (ranges[:, 0] == ranges[:, 1]).any():

@@ -86,6 +86,7 @@ def read_mjcf(path: str | Path) -> ModelFile:
             )
         _require_zero(element)
     model = ModelFile(path=Path(path), data=data, bodies={"world": None}, joints={}, links={})
+    # Compiler and defaults hold for the whole file, wherever they stand in it.
     reader = _Reader(root, model)
     for option in root.all("option"):
         gravity = numbers_of(option, "gravity", 3, "0 0 -9.81", "option")
@@ -95,6 +96,7 @@ def read_mjcf(path: str | Path) -> ModelFile:
         reader.children(world, _Inside("world"))
     if len(model.bodies) == 1:
         raise ValueError("the file must have bodies; it has none. Give an MJCF file.")
+    # Behind the bodies: constraints and actuators refer to them by name.
     reader.constraints(root)
     reader.actuators(root)
     return model
@@ -129,6 +131,7 @@ def _include(element: Element, path: Path, folder: Path, seen: set[Path]) -> Non
         if included.resolve() in seen:
             raise ValueError(f"<include> must name each file once; {name} comes twice. Remove one.")
         seen.add(included.resolve())
+        # Without a required root: an included file may have <mujoco> or <mujocoinclude>.
         root, _ = parsed(included, None, "MJCF")
         _include(root, path, included.parent, seen)
         children += root.children
@@ -150,6 +153,7 @@ def _require_zero(element: Element) -> None:
 class _Inside:
     """Where a body stands: its parent, the pose of frames between, the class, whether it moves."""
 
+    # The world is a parent as any other body.
     parent: str
     pose: Placement = HERE
     inherited: str = "main"
@@ -161,6 +165,7 @@ class _Reader:
 
     def __init__(self, root: Element, model: ModelFile) -> None:
         self.model = model
+        # Bodies may lack names, yet chains begin and end at names.
         self.unnamed = itertools.count(1)
         # Defaults of MuJoCo: degrees, intrinsic xyz angles, limits wherever a range is stated.
         self.degrees = True
@@ -254,6 +259,7 @@ class _Reader:
                 f"bodies must have names of their own; got {name!r} twice. Rename one, or"
                 " remove what is there twice."
             )
+        # A class of children holds for the whole subtree, until another one replaces it.
         inherited = element.attributes.get("childclass", inside.inherited)
         pose, misplaced = deferred(HERE, self._pose, element, where)
         origin = inside.pose @ pose
@@ -284,6 +290,7 @@ class _Reader:
                 misplaced=misplaced,
             )
             self._add(weld)
+        # The element itself is stored, since geoms and names of it are read elsewhere.
         self.model.links[name] = element
         body, reason = deferred(None, self._inertial, element, name, moves)
         self.model.bodies[name] = body
@@ -379,6 +386,7 @@ class _Reader:
             joint = get("joint", get("jointinparent", ""))
             if joint not in self.model.joints:
                 continue
+            # An actuator that cannot be read spoils its joint alone; a chain may leave it out.
             effort, reason = deferred(math.inf, self._effort, element)
             # Several actuators on one joint add up.
             efforts[joint] = efforts.get(joint, 0.0) + effort
@@ -391,6 +399,7 @@ class _Reader:
     def _effort(self, element: Element) -> float:
         """The largest effort of an actuator on its joint; infinite if it states none."""
         where = f"<{element.tag}> {element.attributes.get('name', '')}".strip()
+        # Of up to six numbers the first acts on a hinge or a slide.
         words = element.attributes.get("gear", "1").split()
         gear = numbers_of(element, "gear", len(words) or 1, "1", where)[0]
         limits = [math.inf]
@@ -406,6 +415,7 @@ class _Reader:
         tendons: dict[str, tuple[list[str], list[str]]] = {}
         for section in ("tendon", "deformable", "equality"):
             for element in (child for top in root.all(section) for child in top.children):
+                # A constraint that is switched off acts as little as a skin does.
                 if element.tag == "skin" or element.attributes.get("active") == "false":
                     continue
                 joints, links = [], []
@@ -424,6 +434,7 @@ class _Reader:
                 name = element.attributes.get("name", "")
                 if section == "tendon":
                     tendons[name] = joints, links
+                # Messages name the element as the file does, with its section.
                 label = f"<{section}> {name}".strip()
                 self.model.constraints.append(Constraint(label=label, joints=joints, links=links))
 
@@ -454,6 +465,7 @@ class _Reader:
                 f"{where} must have one <inertial>: geoms are not read; it has {len(elements)}."
                 " Add it."
             )
+        # The mass and its place come from the same element; moments have two notations.
         inertial = elements[0]
         mass = numbers_of(inertial, "mass", 1, None, where)[0]
         pose = self._pose(inertial, where)

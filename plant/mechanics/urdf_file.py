@@ -26,8 +26,10 @@ def read_urdf(path: str | Path) -> ModelFile:
         robot, data = parsed(path, "robot", "URDF", expanded(Path(path)))
     # Links first: an unnamed one is refused there.
     links = _links(robot)
+    # The bytes stay with the model, since repairs edit them in place.
     model = ModelFile(path=Path(path), data=data, bodies={}, joints=_joints(robot), links=links)
     for name, link in links.items():
+        # A link that cannot be read is refused only by a chain that needs it.
         model.bodies[name], reason = deferred(None, _body, link)
         if reason:
             model.unread[name] = reason
@@ -46,6 +48,7 @@ def _declare_ends(model: ModelFile) -> None:
             if link in model.bodies:
                 continue
             model.bodies[link] = None
+            # As a child the world would move.
             if link == "world" and link == joint.parent:
                 continue
             element = f'<link name="{link}"/>'
@@ -96,6 +99,7 @@ def _body(link: Element) -> Body | None:
         return None
     if len(inertials) > 1:
         raise ValueError(f"{where} must have one <inertial>; it has {len(inertials)}. Join them.")
+    # No default: a mass of zero by omission would be taken for a frame.
     mass = numbers_of(inertials[0].find("mass"), "value", 1, None, f"{where}, mass")[0]
     # About the centre of mass, along the axes of the <origin>; `body_in` turns it into the axes of
     # the link.
@@ -116,6 +120,7 @@ def _joints(robot: Element) -> dict[str, ModelJoint]:
                 f"joints must have names of their own; got {name!r}."
                 f" {'Rename one, or remove what is there twice.' if name else 'Name it.'}"
             )
+        # Both ends are read before either is refused, so that one message serves both.
         ends = [element.find(tag) for tag in ("parent", "child")]
         parent, child = ("" if end is None else end.attributes.get("link", "") for end in ends)
         if not parent or not child:

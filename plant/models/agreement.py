@@ -130,11 +130,13 @@ class Links(dict[str, CheckedLink]):
     @cached_property
     def masses(self) -> Floats:
         """Magnitudes of the masses, sorted [kg]."""
+        # Magnitudes: a negative mass is a slip of the sign, not of the size.
         return np.sort([abs(inertial.mass) for inertial in self.stated.values()])
 
     @cached_property
     def larger(self) -> tuple[float, float]:
         """Mass and inertia that the upper tenth of the links exceeds."""
+        # About the joint, since an inertia about the centre hides a distant mass.
         sizes = [inertial.about_joint() for inertial in self.stated.values()]
         return float(np.quantile(self.masses, 0.9)), float(np.quantile(sizes, 0.9))
 
@@ -151,6 +153,7 @@ class Links(dict[str, CheckedLink]):
     @cached_property
     def without_products(self) -> bool:
         """Whether most links state no products of inertia, so that zeros say nothing of one."""
+        # Products with an axis of symmetry are zero; a file without any leaves them out.
         stating = [one for one in self.stated.values() if one.spread[np.triu_indices(3, 1)].any()]
         return 2 * len(stating) < len(self.stated)
 
@@ -185,6 +188,7 @@ class Links(dict[str, CheckedLink]):
         link of three, by chance.
         """
         negative = [one for one in self.stated.values() if (np.diag(one.inertia) < 0).any()]
+        # All of them: one that stays impossible shows another cause.
         turned = [dict(without_mistakes(one))["a negative moment of inertia"] for one in negative]
         return len(turned) >= SETTINGS.signs and all(one.physical() for one in turned)
 
@@ -200,6 +204,7 @@ def thinner(inertial: Inertial, shape: Shape | None) -> bool:
     if shape is None:
         return False
     return bool(
+        # The trace has no direction: a plate is no thinner than its shape because it is flat.
         np.trace(inertial.spread / inertial.mass) < SETTINGS.thinnest * np.trace(shape.spread)
     )
 
@@ -236,6 +241,7 @@ def lacks_products(inertial: Inertial, link: CheckedLink, links: Links) -> bool:
     """
     if links.without_products or inertial.spread[np.triu_indices(3, 1)].any():
         return False
+    # Two coordinates of the centre at least: with one the body may be symmetric about an axis.
     beside = np.count_nonzero(np.abs(inertial.com) > SETTINGS.dust) >= 2
     return bool(beside) and not uniform(inertial, link.shape)
 

@@ -201,6 +201,7 @@ def check_model(path: str | Path) -> ModelCheck:
     """
     robot, _ = parsed(path, "robot", "URDF")
     if is_xacro(robot):
+        # The expansion is judged; only a plain file can be written back.
         robot, _ = parsed(path, "robot", "URDF", expanded(Path(path)))
     # 1. What the file states of each link, and what of it cannot be read.
     links, unread = _checked_links(robot)
@@ -222,6 +223,7 @@ def check_model(path: str | Path) -> ModelCheck:
     # explains them all.
     _keep_one_side(findings, links)
     _name_common(findings, links)
+    # Placeholders and unreadable links were not judged above, so no finding is replaced.
     findings |= placeholders | {
         name: _unrepaired(name, why, np.inf) for name, why in unread.items()
     }
@@ -245,10 +247,12 @@ def _checked_links(robot: Element) -> tuple[Links, dict[str, str]]:
     unread: dict[str, str] = {}
     for element in robot.all("link"):
         name = element.attributes.get("name", "")
+        # One link that cannot be read must not hide the mistakes of the others.
         stated, reason = deferred(None, _stated, element, name)
         if reason:
             unread[name] = reason
         shape, _ = deferred(None, shape_of, element)
+        # A link with a geometry, of whatever kind, is a thing that weighs.
         formed = any(element.find(tag) is not None for tag in ("visual", "collision"))
         whole = all(primitive(visual) for visual in element.all("visual"))
         links[name] = CheckedLink(
@@ -317,6 +321,7 @@ def _gain_alone(link: CheckedLink, finding: ModelFinding, links: Links) -> float
     body = finding.repair
     if link.stated is None or body is None:
         return 0.0
+    # A repair is in the axes of its link: no rotation.
     repaired = Inertial(body.mass, body.com, np.eye(3), inertia_matrix(body.inertia))
     return cost_of(link.stated, alone, links) - cost_of(repaired, alone, links)
 
@@ -459,6 +464,7 @@ def _placeholders(links: Links) -> dict[str, ModelFinding]:
             and not _negligible(link, links)
             and not uniform(inertial, link.shape)
         ):
+            # All three moments are the same: one stands for them.
             moment = inertial.inertia[0, 0]
             text = f"a placeholder for the inertia ({moment:.3g} kg m^2 about every axis)"
             evidence = np.inf if proof_of(links[name], links) else SETTINGS.margin
@@ -478,6 +484,7 @@ def _negligible(link: CheckedLink, links: Links) -> bool:
     if link.stated is None:
         return False
     # Half of a file may be such links.
+    # Relative to the larger half, so that the size of the robot does not matter.
     heavy, large = links.larger
     light = abs(link.stated.mass) <= SETTINGS.negligible * heavy
     return bool(light and link.stated.about_joint() <= SETTINGS.negligible * large)
@@ -489,6 +496,7 @@ def _of_all(link: CheckedLink, links: Links, moving: Collection[str]) -> ModelFi
     if stated is None or link.name not in moving or not stated.physical():
         return None
     others = [inertial for name, inertial in links.stated.items() if name != link.name]
+    # Magnitudes: a negative mass elsewhere is a mistake of its own.
     total = sum(abs(other.mass) for other in others)
     least, most = SETTINGS.heavy
     if len(others) < 3 or not least * total < stated.mass < most * total:
@@ -560,6 +568,7 @@ def _filled(link: CheckedLink, links: Links) -> Inertial | None:
     # One link alone is no rule of the file.
     if link.shape is None or len(densities) < 2 or np.ptp(densities) >= 0.01 * min(densities):
         return None
+    # The median, since files round masses to a few digits.
     mass = float(np.median(densities)) * link.shape.volume
     spread = mass * link.shape.spread
     inertia = np.trace(spread) * np.eye(3) - spread

@@ -66,6 +66,8 @@ class Shown:
 
     def _shown(self) -> Iterable[Piece]:
         """Pieces of its display, the verdict first."""
+        # Abstract, but without abc: results are frozen dataclasses that also derive from other
+        # bases.
         raise NotImplementedError(f"{type(self).__name__} must say what it shows. Define _shown.")
 
     def _short(self) -> str:
@@ -74,6 +76,7 @@ class Shown:
 
     def __repr__(self) -> str:
         name = type(self).__name__
+        # On one line: a repr stands in lists and in tracebacks.
         short = " ".join(self._short().split())
         room = 100 - len(f"{name}()")  # a list of results shows each within 100 letters
         if len(short) > room:
@@ -101,11 +104,13 @@ def inside(result: Shown) -> Iterator[Piece]:
 
 def body(result: Shown) -> str:
     """HTML of a result without a style, for a page that has its own."""
+    # Text and HTML come from the same pieces, so they cannot contradict each other.
     return "\n".join(_html(part) for part in result._shown())
 
 
 def _lines(part: Piece) -> Iterator[str]:
     if isinstance(part, str):
+        # Indented: only verdicts and tables begin at the margin, where the eye looks first.
         yield from wrapped(part, indent=_INDENT)
     elif isinstance(part, Table):
         yield from part.lines()

@@ -57,9 +57,11 @@ class Field:
     def length(self, n: int) -> int:
         """Numbers of this field for n joints."""
         if self.initial_vector is not None:
+            # The state of a wrapped law knows its length by its start alone.
             return len(self.initial_vector(n))
         if self.inner is not None:
             return self.inner.length(n)
+        # A size counts numbers whatever n is, rows count joints.
         return self.rows * n if self.size is None else self.size
 
     def initial(self, n: int) -> Floats:
@@ -74,6 +76,7 @@ class Field:
         """Places of a role, counted from the start of this field."""
         if self.inner is not None:
             return self.inner.places(n, role)
+        # A role belongs to a whole field, never to single numbers of it.
         return (range(self.length(n)),) if self.role == role else ()
 
 
@@ -177,6 +180,7 @@ class Fields:
                     f" {type(field).__name__}. Use per_joint() or scalars()."
                 )
         self.fields = fields
+        # Made here once, since vectors are read often.
         self._record = _record(tuple(fields))
 
     def __repr__(self) -> str:
@@ -251,6 +255,7 @@ class Fields:
 
     def _written(self, n: int, values: Mapping[str, Any], group: str) -> Any:
         """As `write`; errors name the `group` of these fields, such as "gears."."""
+        # Unknown names come first: a misspelt one is missing as well, and its own name helps more.
         unknown = [f"'{group}{name}'" for name in values if name not in self.fields]
         if unknown:
             raise ValueError(
@@ -296,6 +301,7 @@ class Fields:
         places = {}
         begin = 0
         for name, field in self.fields.items():
+            # The order of declaration is that of the vector, in Python and in the exported C.
             places[name] = range(begin, begin + field.length(n))
             begin = places[name].stop
         return places

@@ -61,6 +61,7 @@ class Target(NamedTuple):
         """From the arguments of `Running.to_c`; refuse single precision where it loses counts."""
         choice("target", target, (None, *_PROCESSORS))
         single = choice("precision", precision, ("double", "single")) == "single"
+        # The worst joint decides: all numbers of a controller have one precision.
         lost = np.abs(rig.position_in_pulses(np.eye(rig.n) * 2 * np.pi * _SINGLE)).max(axis=0)
         if single and lost.max() > _LOST:
             joint = rig.joint_labels[int(lost.argmax())]
@@ -82,6 +83,7 @@ class Target(NamedTuple):
         """Templates of the files beside the controller's own."""
         if self.name is None:
             return {}
+        # A controller for the host needs no start-up code.
         extra = ("toolchain.cmake", "board.c", "board.ld", "stack.awk")
         return {"Makefile": "Makefile.target"} | {name: name for name in extra}
 
@@ -106,6 +108,7 @@ class Target(NamedTuple):
         # Single precision has the library's functions: only double precision promises the host's
         # bits.
         has_own = self.name is not None and not self.single
+        # Libraries of processors round sines differently: own functions give the host's bits.
         return fragment("elementary.c", {}) if has_own else ""
 
     def translated(self, text: str) -> str:
@@ -150,12 +153,14 @@ def write_files(
     """Write header and source of a controller, a program that replays a record, and a Makefile."""
     files = {file: file for file in ("main.c", "Makefile", "CMakeLists.txt")} | target.files
     templates = {file: _TEMPLATES / template for file, template in files.items()}
+    # The controller's own files have its name, so that several fit into one project.
     templates |= {f"{name}{suffix}": template for suffix, template in CONTROLLER.items()}
     write_templates(folder, name, templates, values, target)
 
 
 def fragment(file: str, values: Mapping[str, Any]) -> str:
     """Text of a template that becomes a value of another one."""
+    # ASCII alone: compilers disagree about other characters, even in comments.
     return Template((_TEMPLATES / file).read_text("ascii")).substitute(values)
 
 
@@ -220,6 +225,7 @@ def _free_folder(destination: str | Path, files: Iterable[str], name: str) -> Pa
         raise ValueError(
             f"folder must be a path; got {destination!r:.60}. Give the name of a folder."
         ) from None
+    # Said here: `mkdir` would fail later, after the templates are filled.
     if folder.exists() and not folder.is_dir():
         raise ValueError(f"folder must be a folder; {folder} is a file. Name another.")
     for file in files:
@@ -282,6 +288,7 @@ class Output(NamedTuple):
             raise ValueError(
                 f"largest_count must be whole and below 2^31; got {largest_count}. {usual}"
             )
+        # A clipped count would apply less torque than the observer of the law believes.
         short = np.flatnonzero(largest_count / np.abs(scale) < rig.drive.current_limit)
         if len(short):
             joint = int(short[0])

@@ -155,6 +155,7 @@ def run(
         steps_per_sample=steps_per_sample,
         sweeps=sweeps,
     )
+    # Here, since only now the reference is known to be one.
     if duration is None:
         duration = reference.duration
     duration = real(
@@ -170,6 +171,7 @@ def run(
         bytes_per_sample,
         "Simulate {most} samples or fewer at once.",
     )
+    # An ideal clock; uneven stamps are those of a log, which `replay` keeps.
     clock = Clock.regular(samples, rig.period)
     path = Path(reference, rig)
     # Without a stated start the arm begins on its reference.
@@ -185,6 +187,7 @@ def run(
     warn_of_missing_rotors(arm, rig, start[0])
     warn_of_stiff_gears(arm, rig, start[0], steps_per_sample)
     warn_of_unstable_lag(arm, rig, law, start[0])
+    # A function is evaluated at the samples, since torque is held between them.
     added = injected_at(injected, clock.t, rig.n)
     # The loop runs; a divergence raises here.
     log, true_error = logged_run(loop, arm, (path, clock, None, added), start, backend)
@@ -259,6 +262,7 @@ def replay(
     if law is None:
         law = record.law
     law = cast(Law, instance("law", law, Law, "Pass law= here or with the record."))
+    # Also in the result, which states with what it was made.
     record = replace(record, rig=rig, law=law)
     added = injected_beside(record)
     loop = closed_loop(
@@ -282,6 +286,7 @@ def replay(
 def _columns(rig: Rig, log: Any) -> dict[str, Any]:
     """Columns of a record, from the log of a run: `log_fields`, (n, N) each."""
     torque = log.torque.T
+    # The log has a row per quantity and joint; a record has a row per sample.
     q = log.q.T
     counts = None
     # Joints with a second encoder, on the link, have its counts beside the motor's.

@@ -21,6 +21,7 @@ def read(
     features: Any = info.get("features")
     # A file that does not describe its features can still be read by names.
     features = features if isinstance(features, dict) else {}
+    # Videos and texts are features as well; a log of numbers has no use for them.
     numeric = [
         name
         for name, feature in features.items()
@@ -56,6 +57,7 @@ def read(
 
 def episodes_of(path: str) -> int:
     """Number of episodes of a data set."""
+    # From the index: counting files would count what is not downloaded.
     count = _info(path).get("total_episodes")
     if not isinstance(count, int) or count < 1:
         raise RefusalError(
@@ -136,6 +138,7 @@ def _file_of(path: str, info: dict[str, Any], episode: int, max_bytes: int) -> s
 def _place_of(path: str, episode: int, max_bytes: int) -> dict[str, int]:
     """Where version 3 keeps an episode, from its table of episodes."""
     columns = {"data/chunk_index": "chunk_index", "data/file_index": "file_index"}
+    # Large data sets split the table, so the file that lists the episode is searched.
     for table in sorted(Path(path, "meta", "episodes").glob("*/*.parquet")):
         _, blocks = read_blocks(str(table), [_EPISODE, *columns], "", max_bytes)
         if not {_EPISODE, *columns} <= blocks.keys():
