@@ -63,6 +63,8 @@ def main(mutations, cold):
                     if cold or kind in ("csv", "npz")
                     else stack.enter_context(tables.WarmChildren())
                 )
+                # The first file would wait for the imports of the process that forks.
+                attempt(files, kind, path)
                 results = []
                 for i in range(mutations):
                     if i == mutations // 2:  # files of a folder have other names
@@ -101,6 +103,8 @@ def of_strangers(mutations):
                 sound.setdefault(file.suffix, []).append(file.read_bytes())
         for suffix, files in sound.items():
             path = Path(folder, f"log{suffix}")
+            path.write_bytes(files[0])
+            attempt(Table, suffix, path)
             results = []
             for i in range(mutations):
                 data = spoil(files[rng.integers(len(files))], rng)
