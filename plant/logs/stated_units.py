@@ -152,6 +152,11 @@ def _one_word(field: str, word: Any, allowed: tuple[str, ...]) -> str:
             f"unit {word!r} of {field!r} must state the ranges of the joints; got none. Give"
             ' {"-100 to 100 of deg": [(least, most), ...]}.'
         )
+    if isinstance(word, str) and word.lower() == "grad" and "gon" in allowed:
+        raise ValueError(
+            f"unit of {field!r} must be 'deg' or 'gon'; got {word!r}, which is used for both. State"
+            " which one it is."
+        )
     convert = f'Convert the column, or give {{"{allowed[0]} per {word}": constant}}.'
     raise ValueError(
         f"unit of {field!r} must be one of {', '.join(map(repr, allowed))}; got {word!r:.40}."

@@ -15,7 +15,7 @@ from plant.mechanics.body import Body
 from plant.mechanics.link import Limits, Link
 from plant.mechanics.placement import Placement, axis_frame, righted
 from plant.mechanics.xml_file import Element
-from plant.parts.arguments import choice, several
+from plant.parts.arguments import choice, near, several
 from plant.parts.fields import Floats
 from plant.parts.messages import joint_labels
 
@@ -287,6 +287,9 @@ def _chosen(tree: dict[str, ModelJoint], names: Sequence[str] | None) -> list[Mo
     """The joints of the chain, from the base outwards."""
     moving = [joint for joint in tree.values() if joint.kind in MOVING]
     if names is None:
+        # A misspelt type ends the chain too early, and nobody named the joints that are meant.
+        misspelt = [joint for joint in tree.values() if near(joint.kind, MOVING, cutoff=0.8)]
+        _require_own([joint for joint in misspelt if joint.immovable])
         # A gripper's fingers mimic each other: without them most files hold one chain.
         mimicked = {joint.mimics for joint in moving}
         moving = [

@@ -144,6 +144,7 @@ def test_a_check_names_the_ranges_where_steps_of_joints_differ():
             "position",
             'the ranges of the joints; got none. Give {"-100 to 100 of deg"',
         ),
+        ("grad", "position", "must be 'deg' or 'gon'; got 'grad', which is used for both"),
         ("furlong", "position", "got 'furlong'. Convert the column, or give {\"rad per furlong\""),
         ("rpm", "position", "must be one of 'rad', .*got 'rpm'"),
         ({"per mille of motor N m": (1, 2)}, "torque", "must be one number, or one per joint; got"),

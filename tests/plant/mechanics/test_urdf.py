@@ -209,6 +209,10 @@ def test_ends_that_are_none(tmp_path, given, said):
         (GOOD.replace('axis xyz="0 0 1"', 'axis xyz="0 1"'), "joint shoulder, axis must have 3 finite numbers"),
         (GOOD.replace('child link="arm"', 'child link="amr"'), "got 'amr'. Did you mean 'arm'"),
         (GOOD.replace('type="revolute"', 'type="revolut"'), "Did you mean 'revolute'"),
+        (
+            GOOD.replace("</robot>", LINK.format("b") + MORE.format("arm", "b").replace("revolute", "revolut")),
+            "joint elbow .*Did you mean 'revolute'",
+        ),
         (GOOD.replace('type="revolute"', 'type="floating"'), "must move about or along one axis; it is floating"),
         (GOOD.replace('type="revolute"', 'type="fixed"'), "at least one joint that moves"),
         (GOOD.replace('<parent link="base"/>', ""), "must have a parent and a child link"),
