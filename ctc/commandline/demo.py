@@ -22,6 +22,7 @@ def demo(seed: int, figures: Path) -> bool:
     p = puma560.p_law()
 
     # A robot that no simulation step of the identification shares: 16 sub-steps, there 4.
+    # Each step says what it does before it does it: the second one takes a while.
     print("1. measure: P control on trajectory (6), encoder pulses logged every 0.7 ms")
     measured = simulate(robot, rig, p, path, steps_per_sample=16)
     print(f"   {measured}")
@@ -64,6 +65,7 @@ def demo(seed: int, figures: Path) -> bool:
     print(f"\n4. figures, saved in the folder {figures}")
     _save_figures(figures, paper, default, verdicts)
     print(f"   done after {time.perf_counter() - started:.1f} s")
+    # The promise of the paper, as the exit code of the command.
     return verdicts["computed torque"].within(1)
 
 

@@ -11,7 +11,7 @@ from ctc.payload.controller import PayloadController
 from ctc.payload.payload_law import PayloadLaw
 from identification import Identification
 from identification.payload.kernel_estimate import KERNEL, uncertainty
-from identification.payload.posterior import LoadShape, PayloadEstimate, nothing
+from identification.payload.posterior import LoadShape, PayloadEstimate, uninformed
 from identification.payload.worker import Specification
 from plant import Rig
 from plant.parts.arguments import choice, instance, known_options, real
@@ -196,7 +196,7 @@ class PayloadEstimator:
         """The estimate that the model holds while a load is not known."""
         parameters = np.array(self.loop_law.start_with)
         limits = np.array(self.shape.mass, dtype=float)
-        return nothing(self.shape, parameters, limits, "the prior: nothing identified yet")
+        return uninformed(self.shape, parameters, limits, "the prior: nothing identified yet")
 
     def start(self, rig: Rig, pulses: ArrayLike, **options: Any) -> PayloadController:
         """A running controller, as `plant.Law.start`, with ``.load`` and ``.events``."""

@@ -164,11 +164,13 @@ def tune(
     # 2. The best tuning of each family.
     common = _common_options(task, fresh, after, allowed)
     laws = families(found, fresh.arm, fresh.own, task.reference, varied(vary))
+    # Workers of an executor start once, for searches, checks and certificate.
     context = contextlib.nullcontext() if executor is None else Executor(executor)
     with context as shared, task.checkpoint as stages:
         searches = _searches(laws, stages, common, {"threads": task.threads, "executor": shared})
         seconds = sum(duration for _, duration in task.motions.values())
         of_certificate = samples * seconds * task.steps_per_sample
+        # Known beforehand, so that the bar can tell the time that is left.
         work = sum(search.work(searched) for search in searches) + of_certificate
         with progress_bar(work, "tune", "step", progress) as bar:
             trials, interrupted = _searched(searches, searching.numbers()[1], seed, bar)

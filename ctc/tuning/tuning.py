@@ -68,6 +68,7 @@ class Family:
 
     def tuned(self, values: Floats) -> Law:
         """The law with these values (k,) of its variables."""
+        # As columns of one row: `numbers` serves one tuning and many.
         columns = dict(zip(self.variables, values[:, None], strict=True))
         numbers = {name: float(column[0]) for name, column in self.numbers(columns).items()}
         law = self.law.filled(numbers, "law.")
@@ -91,6 +92,7 @@ def families(
     """
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", IdentificationWarning)  # `tune` has given it already
+        # An identification has a better default than its arm: it knows how sure f is.
         default = ComputedTorque(found, rig)
     # A bandwidth beyond 0.6 rad per period has too few samples; a filter may be five times faster.
     fastest = 0.6 / rig.period
@@ -155,6 +157,7 @@ def _with_pid(arm: Arm, rig: Rig, fastest: float, corner: float) -> Family:
         "roll_off": (100.0, corner),
         "roll_off_damping": (0.3, 1.5),
     }
+    # Tunings that earlier searches ended with, on rigid and on elastic gears.
     rows = (
         (206, 1.28, 24.0, 2124, 0.96),
         (177, 1.52, 79.5, 2969, 0.91),
@@ -182,6 +185,7 @@ def _feed_forward(
     inertia = np.diag(arm.D(reference(np.zeros(1)).q[0]))
     # Motor torque per pulse for an acceleration of 1 rad/s^2 per rad, for each joint.
     unit = motor_gain(rig, inertia, 1.0)
+    # Any gains: the search replaces them before the first simulation.
     pd = PD(gain=unit * 150.0**2, derivative=unit * 300.0, filter=corner, period=rig.period)
 
     def numbers(values: Numbers) -> Numbers:
@@ -354,6 +358,7 @@ class Tuning(Shown, Frozen):
             yield "the search was interrupted: this is the best controller until then"
         if not self.holds:
             yield from self._failing(samples)
+            # Peak and chatter of different tunings: what the limit costs, and what it would save.
             closest = min(self.trials, key=lambda trial: trial.peak)
             quietest = min(self.trials, key=lambda trial: trial.noise)
             yield f"least peak: {closest.peak:.0f} pulses, {closest.family} ({closest.tuned})"

@@ -65,6 +65,7 @@ class WithLoad(WithPrior):
         # An infinite deviation is no prior; friction without a deviation is fixed.
         self._priors = np.flatnonzero(np.isfinite(search.deviation) & (search.deviation > 0))
         # Rounding is the noise until a fit shows more.
+        # The fit sees few numbers of a load; the prediction goes on to see all of f.
         residual = Reparametrised(prediction, unknown, self.whole)
         super().__init__(residual, self._deviations, len(self._priors), ROUNDING)
 
@@ -90,7 +91,8 @@ class WithLoad(WithPrior):
         solution = by_stages(self, begin, steps, bounds, gains)
 
         def reweigh(solution):
-            # Always both. The weights of records and joints come before: the noise follows them.
+            # Innovations first, then the priors, whose noise follows from those weights. Both in
+            # every round, hence no short circuit.
             changed = self.reweigh(solution.values)
             return self.trust(solution) or changed
 
@@ -103,6 +105,7 @@ class WithLoad(WithPrior):
         """
         if not len(self._priors):
             return False
+        # The innovations scale the priors: noisy logs leave more to them.
         previous = self.noise
         inflation = variance_inflation(solution.residual)
         self.noise = float(solution.rms_innovation * np.sqrt(inflation))
@@ -185,6 +188,7 @@ class UnknownLoad:
         # On a planar arm, for instance, the coordinate along the axes has no effect.
         shown = tuple(axis for axis in range(3) if matrix[:, 1 + axis].any())
         # Without its inertia a load changes f linearly, by its first moments and its mass.
+        # Mass last: it is the number that dependent moments would hide.
         moments = matrix[:, [*(1 + axis for axis in shown), 0]]
         count = 0
         if moments.any():
@@ -309,6 +313,7 @@ class LoadSearch:
         # Free increments need not be those of a body.
         limits = np.vstack([np.tile([-np.inf, np.inf], (p, 1)), self.bounds(problem)[loads:]])
         try:
+            # Not by stages: the start is an optimum already, up to what a free f adds.
             solution = view.followed(start, steps, limits, False)
             weight = np.linalg.inv(solution.covariance[:p, :p] + self.covariance)
         except (ValueError, np.linalg.LinAlgError):  # the logs do not determine all of f
@@ -333,6 +338,7 @@ class LoadSearch:
 
     def bounds(self, problem: Problem) -> Floats:
         """Bounds (k, 2) of mass, centre and friction."""
+        # A centre farther out than any arm reaches comes from a singular fit.
         centre = [(-SETTINGS.reach, SETTINGS.reach)] * len(self.load.shown)
         return np.vstack([self.mass, *centre, problem.bounds[len(self.f) :]])
 
@@ -361,6 +367,7 @@ class LoadSearch:
                 - of_friction[:, :, ~free] @ self.friction[~free]
             )
             regressor = np.concatenate([of_f @ of_load, of_friction[:, :, free]], axis=2)
+            # Mass and first moments in place of f: few numbers are well determined, p are not.
             systems.append(replace(system, regressor=regressor, torque=torque))
 
         # 2. Least squares of mass, first moments and unknown friction.

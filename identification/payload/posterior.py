@@ -111,6 +111,7 @@ class LoadShape:
             (6,),
             advice="Give Ixx, Ixy, Ixz, Iyy, Iyz, Izz about the centre, per kg.",
         )
+        # A point mass needs no check; an inertia must be one that a body of 1 kg can have.
         if moments.any():
             Body(mass=1.0, com=np.zeros(3), inertia=moments).require_physical("of the load")
 
@@ -270,6 +271,7 @@ def information(load: Floats, uncertain: Floats, torque: Floats) -> tuple[Floats
     numbers are estimated as well: the part of the torque that they can explain is no information
     about the load.
     """
+    # The torque as the last column: one product gives matrix, vector and sum of squares.
     columns = np.column_stack([load, torque])
     normal = columns.T @ columns
     cross = uncertain.T @ columns
@@ -300,9 +302,10 @@ def posterior(
     if not rows or not weight.max() > 0:
         interval = np.array([low + 0.025 * (high - low), high - 0.025 * (high - low)])
         message = "the arm rests, or no joint moves that feels a load; the prior stays"
-        return nothing(shape, shape.prior, interval, message)
+        return uninformed(shape, shape.prior, interval, message)
     # A centre without an effect on the torques has no weight: avoid the division by zero.
     weight = np.maximum(weight, 1e-12 * weight.max())
+    # Of the best centre: a worse one would count its own error as noise.
     misfit = float(np.sqrt(max(0.0, square - (pull**2 / weight).max()) / rows))
     # A residual above rounding shows further noise: less information for all centres.
     weight = weight / max(1.0, misfit) ** 2
@@ -313,6 +316,7 @@ def posterior(
     # 2. Mixture of the normal distributions of all centres, truncated to the range: the likelihood
     # of a centre and the probability of the range, exp(inside), give its odds.
     mean, variance, inside = _truncated(centre, sigma, low, high)
+    # The evidence of a centre is its likelihood integrated over the masses of the range.
     log_odds = pull**2 / weight / 2 + np.log(sigma) + inside
     odds = np.exp(log_odds - log_odds.max())
     odds /= odds.sum()
@@ -354,6 +358,7 @@ def posterior(
 
 def judged(shape: LoadShape, explained: bool, misfit: float, std: float) -> tuple[str, bool]:
     """Message about an estimate of the mass, and whether it may be used."""
+    # A misfit comes first: with it the standard deviation means nothing.
     if not explained:
         return f"no load explains this window (misfit {misfit:.1f}); the prior stays", False
     if std > POSTERIOR.too_little * (shape.mass[1] - shape.mass[0]):
@@ -361,7 +366,7 @@ def judged(shape: LoadShape, explained: bool, misfit: float, std: float) -> tupl
     return "sufficient", True
 
 
-def nothing(
+def uninformed(
     shape: LoadShape, parameters: Floats, interval: Floats, message: str
 ) -> PayloadEstimate:
     """Estimate of a window without information: a load of these ten standard parameters."""
@@ -419,6 +424,7 @@ def _interval(
     """
     grid = np.linspace(*ends, POSTERIOR.masses)[:, None]
     log_density = -(((grid - centre) / sigma) ** 2) / 2 - np.log(sigma) - inside
+    # Logarithms first: narrow distributions would overflow as densities.
     density = np.exp(log_density - log_density.max()) @ odds
     likeliest = np.argsort(-density)
     # Take grid points by falling density until they hold 95 %.

@@ -129,9 +129,11 @@ def pulse_budget(
     True
     """
     # 1. Values of the unknowns, by name, of arm, rig and law.
+    # Any record of this experiment has the same sensitivities: rounding is left out of them.
     record = simulate(arm, rig, law, reference, duration=duration)
     prediction = Prediction(arm.dynamics, record, unknown, simulated=True)
     numbers = dict(zip(arm.dynamics.names, arm.f, strict=True))
+    # The names that `identify` takes, so that a budget and an identification compare.
     numbers |= rig.numbers() | law.numbers("law.")
     values = np.array([numbers[name] for name in prediction.unknown])
 
@@ -139,10 +141,12 @@ def pulse_budget(
     # lose the log, and gives changes per shortened step.
     step = _STEP * np.where(values == 0, np.abs(arm.f).max(), np.abs(values))
     change = slopes(prediction, values, step, np.arange(len(values))) / step
+    # Pulses for one per cent: the unit in which a user knows what counts can show.
     per_cent = np.abs(change * 0.01 * values)
 
-    # 3. The inverse of their squares, times the variance of rounding. Columns in steps keep the
-    # matrix well scaled; values of the readings do not matter, so any column serves as such.
+    # 3. The inverse of their squares, times the variance of rounding. Columns per step keep the
+    # matrix well scaled. The covariance does not depend on the readings: any column stands for
+    # them.
     covariance = least_squares(
         prediction.unknown, change * step, change[:, 0], dependent=IDENTIFIABLE.smooth
     )[1]

@@ -95,8 +95,8 @@ def motion_limits(
 
     Where neither states one, it is what the harmonics need within the others.
     """
-    # Angular frequency of the highest harmonic [rad/s].
     chain = arm.dynamics.chain
+    # Angular frequency of the highest harmonic [rad/s].
     fastest = 2 * np.pi * harmonics / period
     advice = "Give one per joint."
     # Without limits of the chain only a stated position keeps a joint in place.
@@ -112,6 +112,7 @@ def motion_limits(
     position = array(
         "position", position, (arm.n, 2), advice="Give the lowest and highest angle of each joint."
     )
+    # A user may state any of the three limits; the others follow in this order.
     if velocity is None:
         # The highest harmonic alone, over the range of positions.
         amplitude = np.diff(position, axis=1).ravel() / 2
@@ -133,9 +134,9 @@ def motion_limits(
 
 
 def _within(chain, lower, upper, part):
-    """Positions (n, 2) around the middle of the limits, this part of the usable range.
+    """Positions (n, 2) around the middle of each joint's limits, `part` of their usable range.
 
-    The limits of a joint that turns without end are a right angle around 0.
+    A joint that turns without end is limited to a right angle on both sides of 0.
     """
     endless = upper - lower >= 2 * np.pi
     # A right angle means nothing on a sliding joint.
@@ -165,6 +166,7 @@ def _lines(rig, period, frequencies):
     if not len(wanted) or not ((wanted > 0) & (wanted < nyquist)).all():
         rule = f"be positive, and below half the sampling rate, {nyquist:.4g} Hz"
         raise ValueError(f"frequencies must {rule}; got {wanted}. Give the lines [Hz].")
+    # Lines with a factor in common with n would be delayed alike in two records.
     multiples = np.arange(1, round(nyquist * period) + 1)
     multiples = multiples[np.gcd(multiples, rig.n) == 1]
     # Two frequencies can have the same nearest line.
@@ -184,8 +186,7 @@ def multisines(
     `share`: share of the amplifiers' limits that the torque may reach.
     """
     # 1. Spectrum of one joint: the amplitudes fall with the frequency, so that all lines have the
-    # same speed.
-    # Only a whole number of samples repeats exactly.
+    # same speed. The period is a whole number of samples, since only that repeats exactly.
     period = max(round(period / rig.period), 1) * rig.period
     lines = _lines(rig, period, frequencies)
     position, velocity, acceleration = motion_limits(
@@ -210,6 +211,7 @@ def multisines(
 
     # 3. Shrink it to the torque beside the one that holds the pose. A joint's torque depends on the
     # amplitudes of all, hence several rounds.
+    # Amplitudes of zero: what the pose alone takes cannot be shrunk away.
     holding = motion(0 * size, 0).torque_share(arm, rig) / share
     for _ in range(SETTINGS.rounds if (holding < 1).all() else 0):
         motions = tuple(motion(size, record) for record in range(arm.n))
@@ -217,6 +219,7 @@ def multisines(
         needed = np.max(shares, axis=0) / share
         if (needed < 1 + SETTINGS.slack).all():
             return motions
+        # Only the part of the torque beyond the holding one shrinks with the amplitude.
         size = size * np.minimum((1 - holding) / np.maximum(needed - holding, 1e-9), 1)
     # Either the pose alone takes the torque, or the rounds did not converge.
     joint = int(holding.argmax())
@@ -249,5 +252,6 @@ def _phases(lines):
         if peak < lowest:
             best = phases
             lowest = peak
+        # Less and less is clipped, as hard clipping at the end would undo what has been gained.
         phases = np.angle(np.fft.rfft(np.clip(signal, -share * peak, share * peak))[lines])
     return best

@@ -96,6 +96,7 @@ class Detection(Shown, Frozen):
     stated: dict[str, float] = field(default_factory=dict)
     joints: tuple[str, ...] = ()
     reason: str | None = None
+    # Absent where the fit has no covariance, or nothing could be tested, as all below.
     doubt: Floats | None = None
     grouped: Floats | None = None
     between: BetweenRuns | None = None
@@ -211,6 +212,7 @@ class Detection(Shown, Frozen):
         hypothesis = BY_NAME[sign.name]
         sizes = list(self._sizes(sign))
         each = hypothesis.between.join(hypothesis.each.format(**size) for size in sizes)
+        # Fields of all rows together: each sentence takes those that it names.
         fields = {
             "each": each or "some resonance",
             "value": next(iter(sign.values.values()), 0.0),
@@ -224,6 +226,7 @@ class Detection(Shown, Frozen):
             "freedom": sign.freedom,
             "threshold": sign.threshold,
         }
+        # The row has the words of the cause; what follows from this log is added here.
         sentence = hypothesis.sentence
         remedy = hypothesis.remedy
         if sign.absorbing:
@@ -238,6 +241,7 @@ class Detection(Shown, Frozen):
             remedy += f". To tell causes apart, {hypothesis.telling or 'log another motion'}"
         others = {name: Rival(name, (), 0.0, odds) for name, odds in sign.others}
         joints = tuple(joint_of(name) for name in hypothesis.shown(sign) if "[" in name)
+        # Backlash is repaired gear by gear; all other causes are one statement.
         for i, size in enumerate(sizes if hypothesis.gears else [sizes[0] if sizes else {}]):
             yield Cause(
                 name=sign.name,
@@ -296,6 +300,7 @@ class Detection(Shown, Frozen):
         """An alternative, and the smallest size of it that the log would show."""
         hypothesis = BY_NAME[sign.name]
         # In the unit of the text; of friction as a share of what the rig states.
+        # A share needs a stated number to be a share of.
         stated = self.stated if hypothesis.shares else dict.fromkeys(sign.visible, 1.0)
         sizes = {
             name: hypothesis.convert(value / stated[name])

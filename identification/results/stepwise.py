@@ -102,6 +102,7 @@ def detect(problem: Problem, fit: Fit, outcome: Outcome, delay: float = 0.0) -> 
 
 def tested(point: Point) -> list[Sign]:
     """The signs of all hypotheses at a point."""
+    # A path that is rounded to counts has an edge at every count, which looks like a delay.
     rounded = any(map(is_rounded, point.at.model.records))
     signs: list[Sign] = []
     for hypothesis in HYPOTHESES:
@@ -241,7 +242,9 @@ class _Search:
         `delay`: worth a trial whatever its score test says; 0 if none is. `coarse`: end where the
         first cause is `faint`: coarse steps might explain as little.
         """
+        # At the optimum without causes: later ones would state what they have found.
         stated = self.at.model.stated()
+        # These tests stay in the result: they show how small an effect the log would reveal.
         initial = tested(self.point)
         named = []
 
@@ -268,6 +271,7 @@ class _Search:
             return self.point
 
         select(self.point, candidates, accept, SELECTION)
+        # Values of the final fit, in which all accepted causes are fitted together.
         estimates = [_with_values(sign, self.at) for sign in named]
         return Detection(
             signs=tuple(initial),

@@ -63,6 +63,7 @@ class Kernel:
         key = "\n".join([template, numba.__version__, platform.python_version()])
         self.hash = hashlib.sha256(key.encode()).hexdigest()[:24]
         self.source = template.replace("{h}", self.hash)
+        # What this process has not called yet: a first call compiles, or loads from disk.
         self._fresh = set(functions)
         self._path: Path | None = None
 
@@ -114,6 +115,7 @@ class Kernel:
     def _anew(self, name: str, *arguments: Any) -> Any:
         """The result of a new compilation, in memory alone where the disk does not take it."""
         # Files that could not be loaded must not be found again.
+        # Nothing of the cache may be left: one of its files has just failed to load.
         self._drop(lambda file: True)
         try:
             _MODULES[self.hash] = self._module()

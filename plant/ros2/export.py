@@ -103,6 +103,7 @@ _COMMANDS = {
 
 def _command_values(commands: Commands) -> dict[str, Any]:
     """Values of the templates for these commands."""
+    # One list serves code, parameters and table, so that they cannot name other interfaces.
     quoted = [f'"{interface}"' for interface in commands.interfaces]
     several = len(quoted) > 1
     parameter = "command_interfaces" if several else "command_interface"
@@ -205,6 +206,7 @@ def to_ros2_control(
             f"law must have a period, to run in update; {kind} has none. Use to_c for fast"
             " hardware."
         )
+    # Before the export: the guards of the C check the lower limit, too.
     rig = limited(rig, torque_limit)
     require_exportable(rig, name)
     # ROS forbids both in the names of packages.
@@ -226,12 +228,14 @@ def to_ros2_control(
     names = _joint_names(law, rig, joints)
     sends = None if rig.inner is None else rig.inner.sends
     values = values_of(law, rig, guards, name, Output(None, 0, sends), without)
+    # One set of templates for all three outputs: only these values differ.
     values |= _command_values(_COMMANDS[sends or "torque"])
     # Text of the user goes into comments of C and into XML, so it is wrapped and escaped there.
     summary = (
         f"{kind} for {', '.join(names)}, with the guards and the stop of the running controller"
     )
     functions = "\n".join(_functions(rig, goals=sends == "goal"))
+    # Helpers of the three functions once, since C knows no second definition.
     functions = helpers(functions) + functions
     values |= {
         "about": f"{paragraph(summary)}\n *\n{values['about']}",
@@ -253,6 +257,7 @@ def _joint_names(law: Law, rig: Rig, joints: Sequence[str] | None) -> list[str]:
     labels = rig.drive.joints if arm is None else [link.name for link in arm.dynamics.chain.links]
     # ROS needs a name for every joint.
     labels = labels or [str(i + 1) for i in range(rig.n)]
+    # A name in ROS begins with a letter; digits alone are those of a chain without names.
     names = [f"joint{label}" if label.isdigit() else label.replace(" ", "_") for label in labels]
     # A str is a sequence of letters, and would pass as one name per letter.
     if isinstance(joints, str):
@@ -308,6 +313,7 @@ def _between(begun: ca.SX, ended: ca.SX, span: ca.SX, at: ca.SX) -> ca.SX:
     share = at / span
     position = begun[0] + begun[1] * at + begun[2] / 2 * at**2
     position += ca.dot(higher, ca.vertcat(share**3, share**4, share**5))
+    # casadi differentiates once, so that the three formulas cannot disagree.
     velocity = ca.jacobian(position, at)
     motion = ca.vertcat(position, velocity, ca.jacobian(velocity, at))
     # The end conditions are linear in the higher coefficients: solve them by the inverse of their
