@@ -69,6 +69,7 @@ def plot_fleet(
     if not names:
         raise _empty()
     robots = [judgement.robot for judgement in order if judgement.changes][: PAGE.curves]
+    # Changes name parameters; a panel needs the fleet's distribution of its parameter.
     by_name = {effect.of.name: effect for effect in effects}
     axes = row_by_row(ax, len(names), 1, time=False)
     for name, axis in zip(names, axes[:, 0], strict=True):
@@ -90,6 +91,7 @@ def _panel(axis: Any, effect: Effect, robots: Sequence[str]) -> None:
     std = np.empty_like(of.value)
     for robot in range(len(of.robots)):
         logs = np.flatnonzero(of.robot == robot)
+        # The mean of several logs: a single one would shift the whole curve by its own error.
         start = of.value[logs[: PAGE.start]].mean()
         scale = 100 / abs(start) if relative and start else 1.0
         change[logs] = scale * (of.value[logs] - start)
@@ -105,6 +107,7 @@ def _panel(axis: Any, effect: Effect, robots: Sequence[str]) -> None:
     when = (1e3 * seconds).astype("datetime64[ms]")
 
     # 3. The band of all robots, and above it the robots that need attention.
+    # Quantiles: a few robots that changed do not widen the band of all others.
     quantiles = [np.quantile(change[interval == i], (0.05, 0.95)) for i in intervals]
     low, high = np.array(quantiles).T
     axis.fill_between(when, low, high, color=BAND, label="nine in ten robots")
@@ -148,6 +151,7 @@ def _parts(effects: Sequence[Effect], order: Sequence[Judgement]) -> Iterator[st
         f"{text(judgement.verdict)}</li>"
         for judgement in changed[: PAGE.rows]
     ]
+    # Young robots are neither the same nor changed.
     unknown = sum(bool(judgement.unknown) for judgement in order)
     same = len(order) - len(changed) - unknown
     summary = f"{same} of {len(order)} robots: the last log shows the same arm"

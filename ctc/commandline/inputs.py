@@ -75,6 +75,7 @@ def records_of(
     # Without a robot file each log must hold its own rig.
     options: dict[str, Any] = {}
     if robot is not None:
+        # What a robot file says about logs; the rest of it is about the arm.
         names = ("rig", "law", "columns", "units", "torque_delay")
         options = {name: getattr(robot, name) for name in names}
     records = read_records(paths, **options)
@@ -86,6 +87,7 @@ def described(paths: Sequence[str], robot: Robot | None) -> tuple[list[str], lis
 
     A log needs one if neither a robot file maps its columns nor `Record.to_csv` wrote it.
     """
+    # With a mapping every log is read by it, so nothing needs a description.
     if robot is not None and robot.columns is not None:
         return list(paths), []
     readable = list[str]()
@@ -101,6 +103,7 @@ def described(paths: Sequence[str], robot: Robot | None) -> tuple[list[str], lis
 def _is_plain(path: str, robot: Robot) -> bool:
     """Whether a file has the plain columns t, references and errors of a robot."""
     try:
+        # By reading it: the heading of a plain file alone would not show a broken one.
         Record.from_csv(path, rig=robot.rig, law=robot.law)
     except LoadError:
         return False
@@ -138,10 +141,10 @@ def path_of(identification: Identification, file: str | None = None) -> Referenc
     else:
         # Other references are smooth by themselves.
         return path
-    # The spline begins and ends at rest only where the table does.
     # 2. Thin it out. The last point always stays, else the path would end early.
     step = max(1, round(PATHS.knots / float(np.median(np.diff(times)))))
     knots = np.unique([*range(0, len(times), step), len(times) - 1])
+    # The spline begins and ends at rest only where the table does.
     ends = np.abs(
         [(points[1] - points[0]) / times[1], (points[-1] - points[-2]) / (times[-1] - times[-2])]
     )
@@ -159,6 +162,7 @@ def motions_asked(
     motions = everyday_motions(identification.arm, identification.rig)
     if path is None:
         return motions
+    # By the name of its file, as the rows of a certificate are named.
     return motions | {Path(path).stem: path_of(identification, path)}
 
 

@@ -256,6 +256,7 @@ class Comparison(Shown):
         return plot_comparison(self.evaluations, ax)
 
     def _short(self) -> str:
+        # Shares of samples, not largest errors: they compare controllers that all leave the limit.
         shares = [
             f"{name} {evaluation.share_within(1)}" for name, evaluation in self.evaluations.items()
         ]
@@ -271,6 +272,7 @@ class Comparison(Shown):
         from_rest = {
             name: str(e.from_rest) for name, e in inside.items() if e.from_rest is not None
         }
+        # Those that diverged count among all, since they were asked to hold as well.
         count = len(self.evaluations) + len(self.diverged)
         names = f": {', '.join(inside)}" if inside else ""
         verdict = f"{len(inside)} of {count} controllers within ±1 pulse at every sample{names}"

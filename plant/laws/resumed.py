@@ -68,6 +68,8 @@ class Resumed(Law):
         return self.law.period
 
     def _leaves(self, prefix: str = "") -> Iterator[tuple[str, Part, dataclasses.Field[Any], Any]]:
+        # Under the inner law's own names: a fit of its gains needs no other names for a resumed
+        # law.
         yield from self.law._leaves(prefix)
         yield f"{prefix}state", self, self.__dataclass_fields__["state"], self.state
 
@@ -87,6 +89,7 @@ class Resumed(Law):
 
     def block(self, rig: Rig) -> Block:
         """This law as a symbolic step for a rig."""
+        # Here, since only the rig says how many joints the memory is for.
         length = len(self.law.initial_state(rig.n))
         if len(self.state) != length:
             raise ValueError(
@@ -100,6 +103,7 @@ class Resumed(Law):
     ) -> Step:
         """One step of the law."""
         now = self.fields.read(state, rig.n)
+        # A sum in place of a choice: the derivative by the state is then simply one.
         memory = now.law + now.begins * self.state
         commanded, memory = self.law.equations(rig, memory, setpoint, pulses, torque, dt)
         return commanded, self.fields.write(rig.n, law=memory, begins=0)
@@ -142,6 +146,7 @@ class AlongLog(Resumed):
 
         The encoder rounds as that of the law did, also where the rig is smooth.
         """
+        # A fit simulates smooth encoders; the law of the log read whole counts.
         encoder = dataclasses.replace(rig.encoder, smooth=not self.rounds)
         return super().block(dataclasses.replace(rig, encoder=encoder))
 
@@ -206,6 +211,7 @@ def _step(block: Block, rig: Rig) -> ca.Function:
     columns = [ca.SX.sym(name, n) for name in ("q", "qd", "qdd", "reference_pulses", "counts")]
     counts = columns[-1]
     commanded, following = block.step(carried.state, *columns, carried.torque, dt, numbers, counts)
+    # Limited as in the log: the memory of a law depends on what really acted.
     torque = rig.with_numbers(numbers[laws:]).drive.limited(commanded)
     after = ca.densify(fields.write(n, state=following, torque=torque))
     return ca.Function("step", [vector, *columns, dt, numbers], [after])
@@ -216,6 +222,7 @@ def _step(block: Block, rig: Rig) -> ca.Function:
 def _prepared(law: AlongLog, rig: Rig) -> tuple[Block, ca.Function]:
     """The block of a law, and the function that repeats its step."""
     block = law.block(rig)
+    # Text as the key: laws that differ in numbers alone share the compiled steps.
     return block, _repeated(_step(block, rig).serialize())
 
 

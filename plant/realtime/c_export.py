@@ -57,6 +57,7 @@ def write_c(
     rig = rig_of(law, rig, "to_c(folder, rig)")
     if guards is not None:
         instance("guards", guards, Guards, "Give Guards(...), or None for none.").warn_of_units(rig)
+        # Guards watch samples; fast hardware has none, and exports the law alone.
         if law.period is not None:
             write_running(law, rig, guards, folder, name, without, **output)
             return
@@ -82,6 +83,7 @@ def _values(law, rig, output, without, controller):
     stored = output.sends or stored
     outputs = output.size(n) if stored != "torque" else 0
     arrays = []
+    # In the order of the outputs: each array takes its numbers from what is left.
     results = iter(results)
     for quantity, kind, size in (
         ("asked", "double", n),
@@ -127,6 +129,7 @@ def _values(law, rig, output, without, controller):
     timing = (
         constant("period", period, "From one step to the next [s].") if "period" in used else ""
     )
+    # Only numbers that occur: an unused constant is a warning of the compiler.
     numbers = filter(None, (constants(law, rig, used), timing, output.constant))
     values = {"n": n, "size": output.size(n), **output.values}
     if output.sends == "goal":
@@ -185,6 +188,7 @@ def _step(law, block, rig, output, without):
     # The state keeps the limited torque, which acts; the firmware's part is subtracted from the
     # output alone.
     limited = named.limited(asked)
+    # The law's numbers as symbols too, so that the firmware's part is made of the same constants.
     own_law = law.with_numbers(numbers[: len(block.names) - rig_numbers])
     converted = limited - model_part(own_law, named, without, (named.cell_centre(pulses), qd, qdd))
     results = [asked, limited, following]
@@ -217,6 +221,7 @@ def _about(law, rig, block, without):
     flags = ", ".join(
         f"{key} = {value}" for key, value in options.items() if isinstance(value, (bool, int, str))
     )
+    # The first paragraph of the docstring, as the reader of the C has no Python beside it.
     summary = inspect.cleandoc(type(law).__doc__ or "").split("\n\n")[0]
     schedule = f"Once every {block.period or rig.period:.9g} s."
     if not law.has_memory(rig.n):

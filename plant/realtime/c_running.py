@@ -117,6 +117,7 @@ def constants_of_logic() -> str:
 def translated(name: str) -> str:
     """All functions of the guards as C, each with its docstring."""
     names = names_of(name)
+    # Each docstring becomes the comment of its C function.
     functions = [CFunction(node, names) for node in _functions()]
     # Declarations come before the definitions, since a function may call a later one.
     heads = "".join(f"{function.head};\n" for function in functions)
@@ -129,6 +130,7 @@ def translated(name: str) -> str:
 
 def structs(name: str, layout: Layout) -> str:
     """Declarations of the memory as C structs, with the meaning of each field."""
+    # From the tables that make numba's records, so that both memories have one layout.
     run = struct(_fields(RUN_FIELDS), f"{name}_run")
     joint = struct(_fields(JOINT_FIELDS), f"{name}_joint")
     motion = struct(["double q, qd, qdd;"], f"{name}_motion")
@@ -190,6 +192,7 @@ def write_running(
     """Write the files of `Running.to_c`; `output` are the arguments of `Output.of`."""
     # What cannot be exported is refused before a file is touched.
     require_exportable(rig, name)
+    # Output before target: single precision is refused by the largest count.
     form = Output.of(law, rig, **output)
     place = Target.of(target, precision, rig, form.largest)
     values = values_of(law, rig, guards, name, form, without, place)
@@ -206,6 +209,7 @@ def values_of(
     target: Target = HOST,
 ) -> dict[str, Any]:
     """Values of the templates for a running controller."""
+    # The same block as in Python, so that C and Python compute the same equations.
     block = law.block(rig)
     if output.sends is None:
         # The torque beside a goal or a frame is no torque of a motor.

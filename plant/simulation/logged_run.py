@@ -24,6 +24,7 @@ def by_casadi(
     steps = len(tables[-1])
 
     # 1. By `mapaccum` as many chunks as there are, each of whole periods of the law and the log.
+    # Chunks of the least common length repeat exactly, whatever the two rates are.
     chunk = math.lcm(per_sample, per_law or per_sample)
     chunks, remaining = divmod(steps, chunk)
     law_rows = chunks * chunk // per_law if per_law else 0
@@ -36,6 +37,7 @@ def by_casadi(
         ]
         repeated = _repeated(Structure(loop), chunk, chunks)
         states, log, error = repeated(state, *columns, np.repeat(numbers[:, None], chunks, axis=1))
+        # The last state of a chunk is that with which the remaining sub-steps begin.
         state = states[:, -1]
         logs.append(log.full().T)
         errors.append(error.full().T)
@@ -46,6 +48,7 @@ def by_casadi(
         state, log, error = _stepped(loop, state, columns, numbers, remaining)
         logs.append(log.full().T)
         errors.append(error.full().T)
+    # Sub-steps in order: the chunks, then what remained.
     true_error = np.vstack(errors)
     # After a divergence the functions of casadi go on with NaN, where the kernel ends.
     diverged = np.flatnonzero(~np.isfinite(true_error).all(axis=1))
@@ -65,6 +68,7 @@ def _stepped(
     logs = []
     errors = []
     for i in range(steps):
+        # Fast hardware has no step of its own: its law is part of the sub-step.
         if loop.law_step is not None and i % loop.steps_per_law == 0:
             state = loop.law_step(state, law_time[:, i // loop.steps_per_law], numbers)
         if i % loop.steps_per_sample == 0:
@@ -114,6 +118,7 @@ def logged_run(
         final, log, true_error = _by_kernel(loop, driven, state, numbers)
     else:
         final, _, log, true_error = by_casadi(loop, time_tables(loop, *driven), state, numbers)
+    # Judged by the last state, which keeps a mark of any divergence before it.
     if not loop.sound(final):
         refuse_divergence(loop, arm, log, final)
     return log, true_error
@@ -146,6 +151,7 @@ def refuse_divergence(loop: ClosedLoop, arm: Arm, log: Floats, final: Floats) ->
     state = loop.read_state(final)
     q = loop.log_fields.read(log.T, loop.n).q.T
     motion = np.array([state.q, state.qd])
+    # NaN counts as infinite: the joint that lost its number is named.
     values = np.abs(np.where(np.isfinite(motion), motion, np.inf))
     label = arm.dynamics.chain.joint_labels[int(np.argmax(values.max(axis=0)))]
     # The last sample that is finite, and not yet far beyond any position of an arm.
