@@ -14,9 +14,9 @@ from identification.equation_error.regressor import System
 from plant import Drive, FrictionCurve
 from plant.parts import Floats, Shown, frozen, frozen_settings
 
-KINDS = ("asymmetric", "load-dependent", "Stribeck", "saturating viscous")
+KINDS = ("asymmetric", "load-dependent", "Stribeck", "saturating viscous", "rising")
 
-ASYMMETRIC, LOAD_DEPENDENT, STRIBECK, SATURATING = KINDS
+ASYMMETRIC, LOAD_DEPENDENT, STRIBECK, SATURATING, RISING = KINDS
 
 _STATE = "state it, the drive of fit.friction[0].drive(rig.drive)"
 
@@ -25,6 +25,7 @@ _ADVICE = {
     LOAD_DEPENDENT: _STATE,
     STRIBECK: _STATE,
     SATURATING: _STATE,
+    RISING: _STATE,
 }
 
 
@@ -47,6 +48,12 @@ class FrictionTrialSettings:
         Speeds from which on viscous friction saturates that are tried, in the same way.
     wider : tuple of float
         Ratios to such a speed, tried like the finer ones: a logarithm is less sharp than a peak.
+    rises : tuple of float
+        Speeds at which Coulomb friction has risen to half that are tried for each joint, relative
+        to its usual speed.
+    slowest : float
+        Share of its usual speed from which on a joint shows such a rise: below it, friction that
+        holds a joint at rest may be anything.
     """
 
     clear: float = 3.0
@@ -55,6 +62,8 @@ class FrictionTrialSettings:
     finer: tuple[float, ...] = (0.5, 0.63, 0.8, 1.25, 1.6, 2.0)
     saturations: tuple[float, ...] = (0.1, 0.4, 1.6)
     wider: tuple[float, ...] = (0.125, 0.25, 0.5, 2.0, 4.0, 8.0)
+    rises: tuple[float, ...] = (0.01, 0.02, 0.03, 0.05, 0.08, 0.12, 0.2, 0.3, 0.5)
+    slowest: float = 0.02
 
 
 SETTINGS = FrictionTrialSettings()
@@ -147,6 +156,12 @@ class FrictionTrial(Shown):
             slope = np.maximum(levels, 0.0) / speed / drive.gear**2
             curve = replace(curve, saturation=saturation)
             drive = replace(drive, viscous=np.where(tried, slope, drive.viscous))
+        elif self.kind == RISING and self.share is not None:
+            gear = np.abs(drive.gear)
+            rise = np.array(self.share) * self.usual * gear
+            curve = replace(curve, rise=rise)
+            coulomb = np.where(np.isfinite(self.levels), levels / gear, drive.coulomb)
+            drive = replace(drive, coulomb=coulomb)
         return replace(drive, curve=curve)
 
     def _short(self):

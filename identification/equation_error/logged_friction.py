@@ -9,6 +9,7 @@ from identification.equation_error.band_choice import tried
 from identification.equation_error.friction_trial import (
     ASYMMETRIC,
     LOAD_DEPENDENT,
+    RISING,
     SATURATING,
     STRIBECK,
     FrictionTrial,
@@ -58,19 +59,109 @@ def by_direction(
     both = _evident(task, [*offsets, *slopes], selection, weights)
     if not any(name.startswith(VISCOUS_OFFSET) for name in both.names):
         return levels
-    sigma = levels.fit(selection, weights, thin=True).sigma
-    gap = 1 / selection.band
+    better, errors = _gained(levels, both, selection, weights)
+    return both if errors > FRICTION.clear and better > FRICTION.enough else levels
+
+
+def _gained(
+    task: TorqueEquations, other: TorqueEquations, selection: Selection, weights: Floats | None
+) -> tuple[float, float]:
+    """Gain of other friction on blocks kept aside: relative, and in standard errors.
+
+    NaN of equations that are too few to leave blocks out.
+    """
+    sigma = task.fit(selection, weights, thin=True).sigma
     # One set of weights, so that both are judged alike.
     common = np.tile(1 / sigma, (len(task.logs), 1))
-    fits = [
-        tried(one.systems(selection, thin=True)[1], task.seconds, gap, common)
-        for one in (levels, both)
+    losses = []
+    for equations in (task, other):
+        systems = equations.systems(selection, thin=True)[1]
+        fit = tried(systems, task.seconds, 1 / selection.band, common)
+        if fit is None:
+            return np.nan, np.nan
+        losses.append(fit.losses(fit.without))
+    before, after = losses
+    return gain(before, before - after)
+
+
+def rising(
+    task: TorqueEquations, selection: Selection, weights: Floats | None
+) -> tuple[TorqueEquations, FrictionTrial | None]:
+    """The same with Coulomb friction that rises with speed, where blocks kept aside ask for it.
+
+    Near a reversal many joints show less friction than a level that jumps from one sign to the
+    other. The speed of each joint is that which leaves least of the fit's residual; the blocks then
+    decide on all joints together.
+    """
+    drive = task.logs[0].rig.drive
+    n = drive.n
+    # A Stribeck curve at low speeds, or a rise, is the user's.
+    stated = drive.curve is not None and not (drive.curve.rise is None is drive.curve.breakaway)
+    dry = [
+        j
+        for j in range(n)
+        if f"drive.coulomb[{j}]" in task.names and f"drive.coulomb[{j}]" not in task.known
     ]
-    if None in fits:
-        return levels
-    before, after = (fit.losses(fit.without) for fit in fits if fit is not None)
-    better, errors = gain(before, before - after)
-    return both if errors > FRICTION.clear and better > FRICTION.enough else levels
+    if stated or not dry:
+        return task, None
+
+    # 1. The residual with slow rows, which show a rise.
+    usual = np.maximum(task.usual_speed(), 1e-9)
+    slow = selection._replace(
+        slowest=task.least(usual, FRICTION.slowest, selection.band), every=None
+    )
+    fit = task.fit(selection, weights, thin=True)
+    systems = task.systems(slow, thin=True)[1]
+    shares = np.array(FRICTION.rises)
+
+    def level(share: float) -> Callable[[Motion], Floats]:
+        def torque(motion: Motion) -> Floats:
+            qd = drive.coupling.shaft(motion.qd)
+            curve = FrictionCurve(offset=0 * usual, rise=share * usual)
+            return curve.risen(np.ones(n), qd) * np.sign(qd)
+
+        return torque
+
+    shapes = list(task.shapes(slow, [level(share) for share in (0.0, *shares)]))
+
+    # 2. Of each joint the speed that explains its own residual best, beside a viscous part.
+    speeds = np.zeros(n)
+    for j in dry:
+        squares = np.zeros(len(shares) + 1)
+        for i in range(len(squares)):
+            rows, targets = [], []
+            for system, shape in zip(systems, shapes, strict=True):
+                used = system.used[:, j]
+                jump, rise, speed = shape[used, j, 0], shape[used, j, i], system.speed[used, j]
+                residual = system.torque[used, j] - system.regressor[used, j] @ fit.values
+                targets.append(residual + fit[f"drive.coulomb[{j}]"] * abs(drive.gear[j]) * jump)
+                rows.append(np.column_stack([rise, speed * np.sign(jump)]))
+            columns, target = np.concatenate(rows), np.concatenate(targets)
+            values = np.linalg.lstsq(columns, target, rcond=None)[0]
+            squares[i] = np.sum((target - columns @ values) ** 2)
+        speeds[j] = (0.0, *shares)[int(squares.argmin())]
+    if not speeds.any():
+        return task, None
+
+    # 3. All joints together, on blocks kept aside.
+    risen = task.with_rise(speeds * usual * np.abs(drive.gear))
+    try:
+        better, errors = _gained(task, risen, slow, weights)
+        levels = risen.fit(slow, weights, thin=True)
+    except ValueError:
+        # Not separately identifiable, or too few equations: no evidence.
+        return task, None
+    coulomb = np.full(n, np.nan)
+    coulomb[dry] = [levels[f"drive.coulomb[{j}]"] * abs(drive.gear[j]) for j in dry]
+    trial = FrictionTrial(
+        kind=RISING,
+        share=tuple(speeds.tolist()),
+        better=better,
+        errors=errors,
+        levels=coulomb,
+        usual=usual,
+    )
+    return (risen, trial) if trial.clear else (task, None)
 
 
 def _evident(

@@ -13,9 +13,14 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from identification.equation_error.arm_check import FittedArm
-from identification.equation_error.band_choice import SHARES, choose_band, choose_speed
+from identification.equation_error.band_choice import SHARES, FitTrial, choose_band, choose_speed
 from identification.equation_error.least_squares import NotIdentifiableError, dependent_columns
-from identification.equation_error.logged_friction import by_direction, friction_of, stated_offsets
+from identification.equation_error.logged_friction import (
+    by_direction,
+    friction_of,
+    rising,
+    stated_offsets,
+)
 from identification.equation_error.regressor import System
 from identification.equation_error.restated import of_log
 from identification.equation_error.torque_equations import SETTINGS as EQUATIONS
@@ -163,6 +168,11 @@ def fit_torque(
     try:
         by_user = stated_offsets(task)
         task = by_direction(task.loaded(selection, stated), selection, stated)
+        task, report["rising"] = rising(task, selection, stated)
+        if report["rising"] is not None and "least_speeds" in report:
+            # Slow rows were left out for a friction that they do not have.
+            slowest, report["least_speeds"] = _speeds(task, width, cutoff, stated)
+            selection = selection._replace(slowest=slowest)
         # All settings of the fit are reported, chosen or stated: with them it can be repeated.
         report |= {"band": width, "cutoff": cutoff_of(width, cutoff), "least_speed": slowest}
         report["every"] = tuple(
@@ -231,6 +241,15 @@ def _chosen(
     )
     if slowest is not None:
         return width, slowest, {"bands": bands_tried}
+    slowest, speeds_tried = _speeds(task, width, cutoff, weights)
+    return width, slowest, {"bands": bands_tried, "least_speeds": speeds_tried}
+
+
+def _speeds(
+    task: TorqueEquations, width: float, cutoff: float | None, weights: Floats | None
+) -> tuple[Floats, tuple[FitTrial, ...]]:
+    """Least speeds (n,) [rad/s] in a band, and the trials on which they rest."""
+    usual = task.usual_speed()
     # Least speeds select among these equations: they are filtered once.
     _, slow = task.systems(Selection(width, cutoff, None, np.zeros(task.dynamics.n)), thin=True)
 
@@ -238,9 +257,8 @@ def _chosen(
         least = task.least(usual, share, width)
         return [replace(system, used=system.used & (system.speed > least)) for system in slow]
 
-    share, speeds_tried = choose_speed(SHARES, faster, task.seconds, 1 / width, weights)
-    trials = {"bands": bands_tried, "least_speeds": speeds_tried}
-    return width, task.least(usual, share, width), trials
+    share, trials = choose_speed(SHARES, faster, task.seconds, 1 / width, weights)
+    return task.least(usual, share, width), trials
 
 
 def _freed(

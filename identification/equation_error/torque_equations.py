@@ -147,6 +147,16 @@ class TorqueEquations:
         known = [name for name in self.names if name in self.known]
         return replace(self, logs=tuple(logs), names=(*unknown, *names, *known))
 
+    def with_rise(self, speeds: Floats) -> Self:
+        """The same with Coulomb levels that rise to half at these speeds (n,) of the motors."""
+        logs = []
+        for log in self.logs:
+            drive = log.rig.drive
+            curve = drive.curve or FrictionCurve(offset=0 * speeds)
+            curve = replace(curve, rise=speeds)
+            logs.append(replace(log, rig=replace(log.rig, drive=replace(drive, curve=curve))))
+        return replace(self, logs=tuple(logs))
+
     def systems(
         self, selection: Selection, *, thin: bool = False
     ) -> tuple[tuple[str, ...], list[System]]:

@@ -132,6 +132,8 @@ class TorqueFit(Shown, Frozen):
     friction : tuple of FrictionTrial
         Kinds of friction beside the fitted ones, by their prediction of blocks kept aside, best
         first; none where no Coulomb friction is unknown. They are reported, not fitted.
+    rising : FrictionTrial or None
+        Coulomb friction that rises with speed, as fitted, where blocks kept aside ask for it.
     causes : tuple of Cause
         Mistakes in columns or gravity that contradict the equation of motion, whatever f is; the
         likeliest first.
@@ -170,6 +172,7 @@ class TorqueFit(Shown, Frozen):
     least_speeds: tuple[FitTrial, ...] = ()
     between: BetweenRuns | None = None
     friction: tuple[FrictionTrial, ...] = ()
+    rising: FrictionTrial | None = None
     causes: tuple[Cause, ...] = ()
     doubts: tuple[str, ...] = ()
     free: Mapping[str, float] = field(default_factory=dict)
@@ -268,6 +271,8 @@ class TorqueFit(Shown, Frozen):
         yield Table((), rows, words=(2,))
         yield from (f"left out: {joint}, {why}" for joint, why in self.left_out.items())
         yield from choices(self)
+        if self.rising is not None:
+            yield f"Coulomb friction is {self.rising}"
         # A clear one is a warning already.
         if self.friction and not self.friction[0].clear:
             yield f"of other friction, the nearest to help is {self.friction[0]}"

@@ -308,12 +308,17 @@ class Drive(Part):
         # k enters squared: once for the speed of the motor, once for its torque.
         return viscous * self.gear * self.gear
 
-    def joint_coulomb(self, qd: ArrayOrSymbols = 0.0) -> ArrayOrSymbols:
-        """Coulomb level c abs(k) [N m] on the joint (or shaft) at speeds qd [rad/s]."""
+    def joint_coulomb(self, qd: ArrayOrSymbols | None = None) -> ArrayOrSymbols:
+        """Coulomb level c abs(k) [N m] on the joint (or shaft) at speeds qd [rad/s].
+
+        By default its size: what it is at rest, or has risen to.
+        """
         # The curve takes the speed of the motor, k qd; its level is even in it.
         level = self.coulomb
         if self.curve is not None:
-            level = level + self.curve.level(self.gear * qd)
+            if qd is not None:
+                level = self.curve.risen(level, self.gear * qd)
+            level = level + self.curve.level(self.gear * (0.0 if qd is None else qd))
         return level * _magnitude(self.gear)
 
     def joint_presliding(self) -> tuple[ArrayOrSymbols, ArrayOrSymbols | None]:
