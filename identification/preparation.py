@@ -259,8 +259,9 @@ def _by_direction(dynamics, searched, validation, unknown):
     names = [name for name in fit.names if name.startswith("drive.curve") and name not in unknown]
     if not names:
         return searched, validation, unknown
-    # The same numbers, none of which is known beforehand.
-    curve = fit.rig.drive.curve
+    # The same numbers, none of which is known beforehand. Friction that rises with speed explains
+    # torques, but holds nothing at rest: a simulated joint would creep where the real one stands.
+    curve = replace(fit.rig.drive.curve, rise=None)
     curve = curve.filled(dict.fromkeys(curve.number_names(), 0.0))
 
     def opened(record):

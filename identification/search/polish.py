@@ -38,6 +38,7 @@ from identification.replay.gauss_newton import (
 from identification.replay.prediction import Prediction
 from identification.search.outcome import Fit, Outcome
 from identification.search.problem import Problem, is_long
+from plant import FrictionCurve
 from plant.machine.motor_inertia import least_inertia_margin, rotors_alone
 from plant.parts import Floats, frozen_settings
 from plant.parts.sums import dot, products
@@ -169,10 +170,16 @@ def arm_of_torques(problem: Problem, error: ValueError) -> Outcome:
     # Numbers that the torque equation lacks have no other estimate.
     if set(linear(dynamics, record.rig, problem.unknown)) != set(problem.unknown):
         raise error
+    # The friction of the other methods: it holds a joint at rest, and does not rise with speed.
+    drive = record.rig.drive
+    curve = drive.curve or FrictionCurve(offset=np.zeros(drive.n))
+    if curve.rise is None:
+        curve = replace(curve, rise=np.zeros(drive.n))
+    held = replace(drive, curve=curve)
     try:
         fit = fit_torque(
             dynamics,
-            problem.records,
+            [replace(log, rig=replace(log.rig, drive=held)) for log in problem.records],
             unknown=_not(problem.known, problem.unknown),
             known=dict(problem.known),
         )
