@@ -51,6 +51,11 @@ class FrictionTrialSettings:
     rises : tuple of float
         Speeds at which Coulomb friction has risen to half that are tried for each joint, relative
         to its usual speed.
+    rounds : int
+        Gauss-Newton steps from there, with all other values.
+    step, most : float
+        Step of the central differences of the logarithm of these speeds, and its largest change in
+        a Gauss-Newton step.
     slowest : float
         Share of its usual speed from which on a joint shows such a rise: below it, friction that
         holds a joint at rest may be anything.
@@ -63,6 +68,9 @@ class FrictionTrialSettings:
     saturations: tuple[float, ...] = (0.1, 0.4, 1.6)
     wider: tuple[float, ...] = (0.125, 0.25, 0.5, 2.0, 4.0, 8.0)
     rises: tuple[float, ...] = (0.01, 0.02, 0.03, 0.05, 0.08, 0.12, 0.2, 0.3, 0.5)
+    rounds: int = 3
+    step: float = 0.05
+    most: float = 0.7
     slowest: float = 0.02
 
 

@@ -1,5 +1,6 @@
 """Friction of logged torques: which numbers have evidence, and which other kinds would help."""
 
+import contextlib
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
@@ -17,8 +18,9 @@ from identification.equation_error.friction_trial import (
     gain,
 )
 from identification.equation_error.friction_trial import SETTINGS as FRICTION
+from identification.equation_error.least_squares import least_squares
 from identification.equation_error.offsets import evident
-from identification.equation_error.regressor import regressor_along
+from identification.equation_error.regressor import Places, regressor_along
 from identification.equation_error.torque_equations import (
     OFFSET,
     VISCOUS_OFFSET,
@@ -28,7 +30,7 @@ from identification.equation_error.torque_equations import (
 from identification.equation_error.torque_fit import TorqueFit
 from plant import FrictionCurve
 from plant.motion.reference import Motion
-from plant.parts.fields import Floats
+from plant.parts.fields import Bools, Floats
 
 
 def stated_offsets(task: TorqueEquations) -> bool:
@@ -59,109 +61,199 @@ def by_direction(
     both = _evident(task, [*offsets, *slopes], selection, weights)
     if not any(name.startswith(VISCOUS_OFFSET) for name in both.names):
         return levels
-    better, errors = _gained(levels, both, selection, weights)
+    better, errors = _Pair(levels, both, selection, weights).gained()
     return both if errors > FRICTION.clear and better > FRICTION.enough else levels
 
 
-def _gained(
-    task: TorqueEquations, other: TorqueEquations, selection: Selection, weights: Floats | None
-) -> tuple[float, float]:
-    """Gain of other friction on blocks kept aside: relative, and in standard errors.
+class _Pair:
+    """Fits of two kinds of friction without each block of the logs."""
 
-    NaN of equations that are too few to leave blocks out.
-    """
-    sigma = task.fit(selection, weights, thin=True).sigma
-    # One set of weights, so that both are judged alike.
-    common = np.tile(1 / sigma, (len(task.logs), 1))
-    losses = []
-    for equations in (task, other):
-        systems = equations.systems(selection, thin=True)[1]
-        fit = tried(systems, task.seconds, 1 / selection.band, common)
-        if fit is None:
-            return np.nan, np.nan
-        losses.append(fit.losses(fit.without))
-    before, after = losses
-    return gain(before, before - after)
+    def __init__(
+        self,
+        task: TorqueEquations,
+        other: TorqueEquations,
+        selection: Selection,
+        weights: Floats | None,
+    ) -> None:
+        sigma = task.fit(selection, weights, thin=True).sigma
+        # One set of weights, so that both are judged alike.
+        common = np.tile(1 / sigma, (len(task.logs), 1))
+        self._n = task.dynamics.n
+        self._fits = []
+        for equations in (task, other):
+            systems = equations.systems(selection, thin=True)[1]
+            fit = tried(systems, task.seconds, 1 / selection.band, common)
+            self._fits.append((fit, Places.of(systems).joint))
+
+    def gained(self, judged: Bools | bool = True) -> tuple[float, float]:
+        """Gain of the other friction on the blocks: relative, and in standard errors.
+
+        `judged` (n,): joints whose errors count. NaN of equations too few to leave blocks out.
+        """
+        losses = []
+        for fit, joint in self._fits:
+            if fit is None:
+                return np.nan, np.nan
+            counts = np.broadcast_to(judged, self._n)[joint]
+            fit = replace(fit, weight=fit.weight * counts)
+            losses.append(fit.losses(fit.without))
+        before, after = losses
+        return gain(before, before - after)
 
 
 def rising(
     task: TorqueEquations, selection: Selection, weights: Floats | None
-) -> tuple[TorqueEquations, FrictionTrial | None]:
+) -> tuple[TorqueEquations, FrictionTrial | None, Floats]:
     """The same with Coulomb friction that rises with speed, where blocks kept aside ask for it.
 
     Near a reversal many joints show less friction than a level that jumps from one sign to the
-    other. The speed of each joint is that which leaves least of the fit's residual; the blocks then
-    decide on all joints together.
+    other. The blocks decide on all joints together. The last result is what the deviations (k,) of
+    a fit are to be multiplied by, since the speeds of the rise are estimates as well.
     """
     drive = task.logs[0].rig.drive
     n = drive.n
+    unknown = set(task.names) - set(task.known)
+    dry = [j for j in range(n) if f"drive.coulomb[{j}]" in unknown]
     # A Stribeck curve at low speeds, or a rise, is the user's.
-    stated = drive.curve is not None and not (drive.curve.rise is None is drive.curve.breakaway)
-    dry = [
-        j
-        for j in range(n)
-        if f"drive.coulomb[{j}]" in task.names and f"drive.coulomb[{j}]" not in task.known
-    ]
+    curve = drive.curve
+    stated = curve is not None and (curve.rise is not None or curve.breakaway is not None)
     if stated or not dry:
-        return task, None
+        return task, None, np.ones(1)
 
-    # 1. The residual with slow rows, which show a rise.
+    # 1. Equations with slow rows, which show a rise.
     usual = np.maximum(task.usual_speed(), 1e-9)
     slow = selection._replace(
         slowest=task.least(usual, FRICTION.slowest, selection.band), every=None
     )
+    # Not separately identifiable, or too few equations: no evidence.
+    with contextlib.suppress(ValueError):
+        # 2. Of each joint the speed that explains the residual of its own equations best, then
+        # Gauss-Newton steps with all other values.
+        speeds = _rises(task, selection, slow, weights, dry, usual)
+        if not speeds.any():
+            return task, None, np.ones(1)
+        for _ in range(FRICTION.rounds):
+            speeds, _ = _stepped(task, slow, weights, speeds, usual)
+
+        # 3. Joints that gain on blocks kept aside, and then all of these together.
+        pair = _Pair(task, task.with_rise(speeds * np.abs(drive.gear)), slow, weights)
+        gains = [pair.gained(np.arange(n) == j)[0] for j in range(n)]
+        speeds = np.where(np.array(gains) > FRICTION.enough, speeds, 0.0)
+        if not speeds.any():
+            return task, None, np.ones(1)
+        speeds, wider = _stepped(task, slow, weights, speeds, usual)
+        risen = task.with_rise(speeds * np.abs(drive.gear))
+        pair = _Pair(task, risen, slow, weights)
+        better, errors = pair.gained(speeds > 0)
+        fit = risen.fit(slow, weights, thin=True)
+        levels = np.full(n, np.nan)
+        levels[dry] = [fit[f"drive.coulomb[{j}]"] * abs(drive.gear[j]) for j in dry]
+        trial = FrictionTrial(
+            kind=RISING,
+            share=tuple((speeds / usual).tolist()),
+            better=better,
+            errors=errors,
+            levels=levels,
+            usual=usual,
+        )
+        if not trial.clear:
+            return task, None, np.ones(1)
+        # Viscous friction that saturates, or Stribeck's, looks like a rise: the best remains.
+        # On the equations of all joints, as theirs is.
+        everywhere, _ = pair.gained()
+        others = friction_of(task, task.fit(slow, weights, thin=True), slow, False)
+        if everywhere > max((other.better for other in others), default=-np.inf):
+            return risen, trial, wider
+    return task, None, np.ones(1)
+
+
+def _level(task: TorqueEquations, rise: Floats) -> Callable[[Motion], Floats]:
+    """Signed level of the shafts, of 1 at high speed, with a rise at these speeds (n,) [rad/s]."""
+
+    def torque(motion: Motion) -> Floats:
+        qd = task.logs[0].rig.drive.coupling.shaft(motion.qd)
+        curve = FrictionCurve(offset=0 * rise, rise=rise)
+        return curve.risen(np.ones(len(rise)), qd) * np.sign(qd)
+
+    return torque
+
+
+def _rises(
+    task: TorqueEquations,
+    selection: Selection,
+    slow: Selection,
+    weights: Floats | None,
+    dry: Sequence[int],
+    usual: Floats,
+) -> Floats:
+    """Speeds (n,) [rad/s] of the shafts, of a grid, at which levels rise to half; 0 for none."""
+    drive = task.logs[0].rig.drive
+    shares = np.array([0.0, *FRICTION.rises])
+    shapes = list(task.shapes(slow, [_level(task, share * usual) for share in shares]))
+    # The fit has the rows that its friction was chosen for.
     fit = task.fit(selection, weights, thin=True)
     systems = task.systems(slow, thin=True)[1]
-    shares = np.array(FRICTION.rises)
-
-    def level(share: float) -> Callable[[Motion], Floats]:
-        def torque(motion: Motion) -> Floats:
-            qd = drive.coupling.shaft(motion.qd)
-            curve = FrictionCurve(offset=0 * usual, rise=share * usual)
-            return curve.risen(np.ones(n), qd) * np.sign(qd)
-
-        return torque
-
-    shapes = list(task.shapes(slow, [level(share) for share in (0.0, *shares)]))
-
-    # 2. Of each joint the speed that explains its own residual best, beside a viscous part.
-    speeds = np.zeros(n)
+    speeds = np.zeros(drive.n)
     for j in dry:
-        squares = np.zeros(len(shares) + 1)
-        for i in range(len(squares)):
-            rows, targets = [], []
-            for system, shape in zip(systems, shapes, strict=True):
-                used = system.used[:, j]
-                jump, rise, speed = shape[used, j, 0], shape[used, j, i], system.speed[used, j]
-                residual = system.torque[used, j] - system.regressor[used, j] @ fit.values
-                targets.append(residual + fit[f"drive.coulomb[{j}]"] * abs(drive.gear[j]) * jump)
-                rows.append(np.column_stack([rise, speed * np.sign(jump)]))
-            columns, target = np.concatenate(rows), np.concatenate(targets)
-            values = np.linalg.lstsq(columns, target, rcond=None)[0]
-            squares[i] = np.sum((target - columns @ values) ** 2)
-        speeds[j] = (0.0, *shares)[int(squares.argmin())]
-    if not speeds.any():
-        return task, None
+        level = fit[f"drive.coulomb[{j}]"] * abs(drive.gear[j])
+        rows, targets = [], []
+        for system, shape in zip(systems, shapes, strict=True):
+            used = system.used[:, j]
+            torques = shape[used, j]
+            residual = system.torque[used, j] - system.regressor[used, j] @ fit.values
+            targets.append(residual + level * torques[:, 0])
+            viscous = system.speed[used, j] * np.sign(torques[:, 0])
+            rows.append(np.column_stack([viscous, torques]))
+        columns, target = np.concatenate(rows), np.concatenate(targets)
+        squares = []
+        for i in range(len(shares)):
+            pair = columns[:, [0, i + 1]]
+            values = np.linalg.lstsq(pair, target, rcond=None)[0]
+            squares.append(np.sum((target - pair @ values) ** 2))
+        speeds[j] = shares[int(np.argmin(squares))] * usual[j]
+    return speeds
 
-    # 3. All joints together, on blocks kept aside.
-    risen = task.with_rise(speeds * usual * np.abs(drive.gear))
-    try:
-        better, errors = _gained(task, risen, slow, weights)
-        levels = risen.fit(slow, weights, thin=True)
-    except ValueError:
-        # Not separately identifiable, or too few equations: no evidence.
-        return task, None
-    coulomb = np.full(n, np.nan)
-    coulomb[dry] = [levels[f"drive.coulomb[{j}]"] * abs(drive.gear[j]) for j in dry]
-    trial = FrictionTrial(
-        kind=RISING,
-        share=tuple(speeds.tolist()),
-        better=better,
-        errors=errors,
-        levels=coulomb,
-        usual=usual,
-    )
-    return (risen, trial) if trial.clear else (task, None)
+
+def _stepped(
+    task: TorqueEquations, slow: Selection, weights: Floats | None, speeds: Floats, usual: Floats
+) -> tuple[Floats, Floats]:
+    """Speeds (n,) of the rise after a Gauss-Newton step in their logarithms, beside all values.
+
+    And the ratio (k,) of the deviations of the values with these speeds unknown and known.
+    """
+    drive = task.logs[0].rig.drive
+    joints = np.flatnonzero(speeds)
+    risen = task.with_rise(speeds * np.abs(drive.gear))
+    fit = risen.fit(slow, weights, thin=True)
+    systems = risen.systems(slow, thin=True)[1]
+    step = FRICTION.step
+    shapes = task.shapes(slow, [_level(task, speeds * np.exp(sign * step)) for sign in (-1, 1)])
+    rows, targets = [], []
+    for system, shape in zip(systems, shapes, strict=True):
+        slope = (shape[:, :, 1] - shape[:, :, 0]) / (2 * step)
+        further = [
+            drive.coupling.joint_torque(
+                fit[f"drive.coulomb[{j}]"] * abs(drive.gear[j]) * slope * (np.arange(drive.n) == j)
+            )
+            for j in joints
+        ]
+        columns = np.concatenate([system.regressor, np.stack(further, axis=2)], axis=2)
+        weight = np.broadcast_to(1 / fit.sigma, system.used.shape)[system.used]
+        rows.append(columns[system.used] * weight[:, None])
+        residual = system.torque - system.regressor @ fit.values
+        targets.append(residual[system.used] * weight)
+    columns = np.concatenate(rows)
+    names = (*fit.names, *(f"rise of {j}" for j in joints))
+    k = len(fit.names)
+    values, covariance, _ = least_squares(names, columns, np.concatenate(targets))
+    alone = least_squares(fit.names, columns[:, :k], np.concatenate(targets))[1]
+    # Both covariances have the scale of their own residual, about the same.
+    wider = np.sqrt(np.maximum(np.diag(covariance)[:k] / np.diag(alone), 1.0))
+    moved = speeds.copy()
+    moved[joints] *= np.exp(np.clip(values[k:], -FRICTION.most, FRICTION.most))
+    low, high = min(FRICTION.rises), max(FRICTION.rises)
+    moved[joints] = np.clip(moved[joints], low * usual[joints], high * usual[joints])
+    return moved, wider
 
 
 def _evident(

@@ -168,7 +168,7 @@ def fit_torque(
     try:
         by_user = stated_offsets(task)
         task = by_direction(task.loaded(selection, stated), selection, stated)
-        task, report["rising"] = rising(task, selection, stated)
+        task, report["rising"], wider = rising(task, selection, stated)
         if report["rising"] is not None and "least_speeds" in report:
             # Slow rows were left out for a friction that they do not have.
             slowest, report["least_speeds"] = _speeds(task, width, cutoff, stated)
@@ -183,6 +183,7 @@ def fit_torque(
         )
         report["freed"] = dict(_freed(task, selection, stated, thin))
         fit = task.fit(selection, stated, thin=thin, extra=task.extra, **report)
+        fit = replace(fit, covariance=fit.covariance * np.outer(wider, wider))
         friction = friction_of(task, fit, selection._replace(every=None), by_user)
         return replace(_judged(task, fit, width), friction=friction)
     except NotIdentifiableError as error:

@@ -27,7 +27,10 @@ KINDS = {  # torque on the shafts beside Coulomb and viscous friction
     "Stribeck": 0.8 * COULOMB * np.exp(-((SHAFT / (0.12 * USUAL)) ** 2)) * np.sign(SHAFT),
     # In place of what is in proportion to the speed: arsinh, which is that at low speed.
     "saturating viscous": VISCOUS * (0.3 * USUAL * np.arcsinh(SHAFT / (0.3 * USUAL)) - SHAFT),
+    # In place of the Coulomb level: half of it at 0.1 of the usual speed.
+    "rising": -COULOMB * np.sign(SHAFT) * 0.1 * USUAL / (np.abs(SHAFT) + 0.1 * USUAL),
 }
+FITTED = (None, "asymmetric", "rising")  # where evidence asks for it, the others are named
 
 
 def fit(kind, unknown=FRICTION, rig=RIG, **options):
@@ -40,10 +43,28 @@ def fit(kind, unknown=FRICTION, rig=RIG, **options):
     )  # fmt: skip
 
 
+def test_a_level_that_rises_with_speed_is_fitted_and_its_levels_are_within_intervals():
+    found = fit("rising")
+    assert found.rising is not None
+    assert not any("rising" in warning for warning in found.warnings)
+    shares = found.rig.drive.curve.rise / (USUAL * np.abs(RIG.drive.gear))
+    np.testing.assert_allclose(shares, 0.1, rtol=0.3)
+    names = [f"drive.coulomb[{i}]" for i in range(3)]
+    off = np.array([found[name] for name in names]) - RIG.drive.coulomb
+    std = np.array([found.std[found.names.index(name)] for name in names])
+    # The speeds of the rise are a grid's: their steps move the level by some hundredths.
+    assert (np.abs(off) < 3 * std + 0.03 * RIG.drive.coulomb).all(), off / std
+
+
+@pytest.mark.parametrize("kind", [kind for kind in KINDS if kind != "rising"])
+def test_no_other_kind_is_fitted_as_one_that_rises(kind):
+    assert fit(kind).rising is None
+
+
 OFFSETS = tuple(f"drive.curve.offset[{i}]" for i in range(3))
 
 
-@pytest.mark.parametrize("kind", [kind for kind in KINDS if kind not in (None, "asymmetric")])
+@pytest.mark.parametrize("kind", [kind for kind in KINDS if kind not in FITTED])
 def test_the_kind_is_named_first(kind):
     found = fit(kind)
     first = found.friction[0]

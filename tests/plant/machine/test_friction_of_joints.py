@@ -5,8 +5,20 @@ import dataclasses
 import casadi as ca
 import numpy as np
 import pytest
+from closed_loops import NoTorque, direct_rig
 
-from plant import FrictionCurve, LoggedTorque, Record, puma560, replay
+from plant import (
+    Chain,
+    Dynamics,
+    FrictionCurve,
+    Link,
+    LoggedTorque,
+    PointToPoint,
+    Record,
+    puma560,
+    replay,
+    simulate,
+)
 
 GEAR = puma560.rig().drive.gear
 CURVES = {
@@ -15,6 +27,7 @@ CURVES = {
     "both": FrictionCurve(
         offset=(0.02, -0.03), viscous_offset=(4e-4, -6e-4), saturation=(20.0, np.inf)
     ),
+    "rising": FrictionCurve(offset=(0, 0), rise=(3.0, 0.0)),
 }
 
 
@@ -30,7 +43,9 @@ def expected(curve, qd):
     s = curve.saturation
     s = np.full(2, 1e9) if s is None else np.minimum(s, 1e9)
     lubricant = s * np.arcsinh(v / s)
-    return GEAR * (b * lubricant + drive.coulomb * np.sign(v) + curve.offset)
+    rise = np.zeros(2) if curve.rise is None else curve.rise
+    dry = np.where(v == 0, 0.0, v / np.maximum(np.abs(v) + rise, 1e-300))
+    return GEAR * (b * lubricant + drive.coulomb * dry + curve.offset)
 
 
 @pytest.mark.parametrize("name", CURVES)
@@ -82,7 +97,9 @@ def test_the_simulation_is_that_of_another_integrator(name):
     def slope(state, held):
         q, qd = state
         curve = CURVES[name]
-        viscous = expected(curve, qd) - GEAR * puma560.rig().drive.coulomb * np.sign(GEAR * qd)
+        # Without dry friction: the drive of this motion has none.
+        viscous = expected(dataclasses.replace(curve, rise=None), qd)
+        viscous = viscous - GEAR * puma560.rig().drive.coulomb * np.sign(GEAR * qd)
         return np.array([qd, arm.forward(q, qd, held - viscous)])
 
     # The torque is held for a sample: two steps of Runge-Kutta's fourth order in each.
@@ -98,6 +115,31 @@ def test_the_simulation_is_that_of_another_integrator(name):
     np.testing.assert_allclose(got, wanted, atol=3e-4)
 
 
+def test_a_level_that_rises_from_zero_speed_is_coulomb_s_to_the_bit():
+    qd = np.random.default_rng(0).normal(size=(50, 2))
+    jumps = drive_with(FrictionCurve(offset=(0, 0), rise=(0, 0)))
+    np.testing.assert_array_equal(jumps.friction(qd), drive_with(None).friction(qd))
+    np.testing.assert_array_equal(jumps.joint_coulomb(0 * qd[0]), drive_with(None).joint_coulomb())
+
+
+def test_an_arm_coasts_under_friction_that_rises_as_its_equation_of_motion_has_it():
+    """One joint without gravity: m v dv/dx = -c v / (v + r), so m (v + r) dv = -c dx."""
+    dynamics = Dynamics.from_chain(
+        Chain(links=(Link(name="slide", prismatic=True),), gravity=(0, 0, 0))
+    )
+    mass, level, rise, speed = 2.0, 0.5, 0.3, 0.4
+    arm = dynamics.arm([mass])
+    plain = direct_rig((level,), (0.0,))
+    curve = FrictionCurve(offset=(0.0,), rise=(rise,))
+    rig = dataclasses.replace(plain, drive=dataclasses.replace(plain.drive, curve=curve))
+    still = PointToPoint(start=(0.0,), goal=(0.0,), duration=20.0)
+    run = simulate(arm, rig, NoTorque(), still, initial=[[0.0], [speed]], steps_per_sample=8)
+    way = mass / level * (speed**2 / 2 + rise * speed)
+    np.testing.assert_allclose(run.true_q[-1, 0], way, rtol=5e-3)
+
+
 def test_bad_curves_are_refused():
+    with pytest.raises(ValueError, match="rise"):
+        FrictionCurve(offset=(0, 0), rise=(-0.1, 1.0))
     with pytest.raises(ValueError, match="saturation"):
         FrictionCurve(offset=(0, 0), saturation=(0.0, 1.0))

@@ -51,7 +51,14 @@ def rich_rig():
     rig = puma560.rig()
     drive = dataclasses.replace(
         rig.drive,
-        curve=FrictionCurve(offset=(0.1, 0), breakaway=(0.2, 0.1), speed=(1, 2)),
+        curve=FrictionCurve(
+            offset=(0.1, 0),
+            breakaway=(0.2, 0.1),
+            speed=(1, 2),
+            viscous_offset=(1e-4 / 3, -2e-4),
+            saturation=(20.0 / 3, np.inf),
+            rise=(0.1, 0),
+        ),
         load_friction=(0.01, 0.02),
         elasticity=Elasticity(stiffness=(1e4 / 3, 2e4), damping=(1, 2), backlash=(1e-4, 0)),
         current_lag=2e-4 / 3,
