@@ -95,7 +95,7 @@ class RestatedSettings:
     generated_by_joint: float = -0.3
     unphysical: float = 15.0
     suspected: float = 0.02
-    tilts: tuple[float, ...] = (15.0, 5.0, 2.0)
+    tilts: tuple[float, ...] = (15.0, 10.0, 5.0, 5.0, 2.0)
     level: float = 3.0
     braked: float = 0.02
     friction: float = 0.7

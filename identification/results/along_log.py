@@ -28,6 +28,10 @@ _CROSSING = 0.02
 _SMALL = 0.01
 
 
+# Share of the speed of a joint (rms) below which it rests; chosen by hand.
+_MOVING = 0.1
+
+
 def cogging(at: Optimum) -> dict[str, list[Floats]]:
     """Torques (N, n) [N m] along each record per N m of cogging of each motor, by name.
 
@@ -130,9 +134,12 @@ def at_reversals(at: Optimum) -> Iterator[tuple[int, Floats, Floats]]:
         samples = max(4, round(_CROSSING / record.rig.period))
         for i in range(n):
             loaded = _after_flips(load[:, i], samples)
-            turned = _after_flips(motion.qd[:, i], samples)
-            crossing[i].append(residual[loaded & ~turned, i])
-            elsewhere[i].append(residual[~loaded & ~turned, i])
+            speed = motion.qd[:, i]
+            # Of a joint at rest the innovations are too small to compare with.
+            moving = np.abs(speed) > _MOVING * np.sqrt(np.mean(speed**2))
+            compared = moving & ~_after_flips(speed, samples)
+            crossing[i].append(residual[loaded & compared, i])
+            elsewhere[i].append(residual[~loaded & compared, i])
     for i in range(n):
         yield i, np.concatenate(crossing[i]), np.concatenate(elsewhere[i])
 
