@@ -25,6 +25,7 @@ from identification.replay.objective import Objective
 from identification.replay.timing import delay_of, is_late
 from identification.results.detection import Detection
 from identification.results.stepwise import detect
+from identification.results.with_arm import OF_RECORDS
 from identification.search.memory import placed, repeating
 from identification.search.methods import prediction_error
 from identification.search.outcome import Fit, Outcome
@@ -277,7 +278,7 @@ def of_each(problem: Problem, detection: Detection) -> Detection:
     between the records is dropped then: linear about the common fit, it is too small.
     """
     count = len(problem.records)
-    if "disagreement" not in detection.names or detection.grouped is None or count < 2:
+    if not OF_RECORDS & {*detection.names} or detection.grouped is None or count < 2:
         return detection
     alone = {}
     # Deviations of rough methods do not cover their own errors: they could not weigh records.

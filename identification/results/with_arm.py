@@ -15,11 +15,13 @@ from identification.results.alternatives import (
     effect_of_delay,
     elastic,
     lengths,
+    linear,
     playing,
     reversals,
     untested,
 )
 from identification.results.refits import in_time, lengthened, moved, played, pushed, sprung
+from plant.mechanics.lumping import LOAD
 
 STIFF = 300.0  # resonance [Hz] above which a gear is not mentioned; chosen by hand
 
@@ -55,6 +57,42 @@ def _amplitudes(sign):
     }
     # A motor below the detectable amplitude is noise, unless all are.
     return {name: size for name, size in sizes.items() if size > sign.visible[name]} or sizes
+
+
+def _masses(sign):
+    """Mass of a load, without its moments."""
+    return {name: value for name, value in sign.values.items() if name.endswith("mass")}
+
+
+def _load(hypothesis, point):
+    """A load at the end of the arm in one record beside the others: its standard parameters.
+
+    Whatever it weighs is a change of f in that record alone, and is linear.
+    """
+    at = point.at
+    dynamics = at.model.dynamics
+    records = at.model.runs()
+    varied = [at.model.unknown[i] for i in np.flatnonzero(at.step)]
+    if len(records) < 2 or not set(dynamics.names) <= set(varied):
+        return
+    rows = [varied.index(name) for name in dynamics.names]
+    steps = at.step[np.flatnonzero(at.step)[rows]]
+    # Per kg, and per kg at a lever of a tenth of a metre: mass, first moments, inertias.
+    units = {"mass": 1.0} | dict.fromkeys("xyz", 0.1) | dict.fromkeys(LOAD[4:], 0.01)
+    of_load = dynamics.load_matrix() * [*units.values()]
+    signs = []
+    for k, record in enumerate(records):
+        effects = np.zeros((len(units), len(at.innovations)))
+        effects[:, record] = (of_load / steps[:, None]).T @ at.rates[rows, record]
+        named = {
+            f"load.{k}{name}": effect
+            for name, effect in zip(units, effects, strict=True)
+            if effect.any()
+        }
+        signs += linear(hypothesis, point, named, len(records))
+    # Less of it in one record is more of it in the others.
+    heavier = [sign for sign in signs if min(_masses(sign).values(), default=0.0) > 0]
+    yield from sorted(heavier, key=lambda sign: -sign.chi_square)[:1]
 
 
 def _torque(torque, speed):
@@ -289,7 +327,19 @@ HYPOTHESES = (
         each="{joint}",
         test=reversals,
     ),
-    # Not fitted: no single model has the difference of the records.
+    # Not fitted, as the next one: no single model has the difference of the records.
+    ArmHypothesis(
+        name="load",
+        sentence="the records contradict each other: {each}, beside the others",
+        remedy="Identify those of one load, and weigh it with find_load. {mean}",
+        each="records[{cycles}] has a load at its end",
+        telling="weigh the load",
+        # Its mass is that of a linear estimate, far from the load that find_load weighs.
+        shown=_masses,
+        signed=True,
+        test=_load,
+        spread=2.0,
+    ),
     ArmHypothesis(
         name="disagreement",
         sentence="the records contradict each other: each alone has other values (chi-square"
@@ -317,6 +367,9 @@ HYPOTHESES = (
         spread=0.2,
     ),
 )
+
+OF_RECORDS = {"load", "disagreement"}
+"""Causes of which each record is fitted alone."""
 
 BY_NAME = {hypothesis.name: hypothesis for hypothesis in HYPOTHESES}
 
