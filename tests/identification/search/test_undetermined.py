@@ -6,7 +6,19 @@ import numpy as np
 import pytest
 
 from identification import identify
-from plant import Cascade, Chain, Drive, Dynamics, Encoder, Harmonics, Link, Rig, simulate
+from plant import (
+    PID,
+    Cascade,
+    Chain,
+    Drive,
+    Dynamics,
+    Encoder,
+    Harmonics,
+    Link,
+    Rig,
+    puma560,
+    simulate,
+)
 
 GEAR = 2 * np.pi / 0.01  # motor angle per travel [rad/m]
 CHAIN = Chain(links=(Link(name="slide", prismatic=True),), gravity=(0.0, 0.0, -9.81))
@@ -74,3 +86,19 @@ def test_a_logged_torque_determines_the_weight_of_a_log_from_the_middle():
     )
     assert np.abs(estimate.fit.values / TRUE - 1).max() < 0.02
     assert estimate.fit.undetermined == ()
+
+
+def test_the_middle_of_a_log_under_a_pid_determines_an_arm():
+    """Weights and integrals act alike for a second only: the arm moves through other poses."""
+    arm = puma560.literature_arm(1.5)
+    rig = dataclasses.replace(puma560.rig(), period=1e-3)
+    law = PID(
+        gain=(0.1, 0.075), integral=(0.5, 0.4), derivative=(4e-4, 3e-4), filter=2000, period=1e-3
+    )
+    record = simulate(arm, rig, law, puma560.reference(), duration=3.0).cut(0.4)
+    record = dataclasses.replace(record, torque=None, current=None, true_q=None, true_qd=None)
+    estimate = identify(arm.dynamics, record, seed=1, progress=False)
+    assert estimate.fit.undetermined == ()
+    assert (estimate.fit.std < 0.05).all()
+    assert np.abs((estimate.f - arm.f) / estimate.fit.std).max() < 3
+    assert not estimate.warnings
