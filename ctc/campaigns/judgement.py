@@ -78,11 +78,13 @@ class Source(NamedTuple):
 
 def logged(results: Sequence[Any], notes: Mapping[str, Any] | None) -> tuple[Logged, Source]:
     """Read what `Fleet` takes: an Identification, or a record and its fit, with notes of both."""
+    # Both kinds of results are read at once, so that the rest knows values alone.
     source, fitted = _source_of(results)
     # Notes of the call go before those of the records.
     remarks = [{**(record.notes or {}), **(notes or {})} for record in source.records]
 
     # 1. The notes must name one robot and a time.
+    # As texts: numbers of robots and their names may be mixed in one fleet.
     robots = {str(remark.get("robot", "")) for remark in remarks}
     missing = "time" if "time" not in remarks[0] else ""
     if robots == {""}:
@@ -114,6 +116,7 @@ def logged(results: Sequence[Any], notes: Mapping[str, Any] | None) -> tuple[Log
 def _source_of(results: Sequence[Any]) -> tuple[Source, Floats]:
     """Source and values of an identification, or of a record and the fit of it."""
     fit = results[-1] if results else None
+    # A record may be given beside its fit, which then need not hold it.
     beside = len(results) == 2 and isinstance(results[0], Record)
     if isinstance(fit, Identification) and (beside or len(results) == 1):
         if fit.covariance is None:
@@ -245,6 +248,7 @@ class Judgement(Shown):
         # Neither good nor bad where nothing could be compared.
         good = None if self.unknown else not self.changes
         yield Verdict(f"{self.robot}, {self.day}: {self.verdict}", good)
+        # Before the table: a wrong statement may be all that has changed.
         yield Warned(list(self.statements))
         rows = [
             (
@@ -281,6 +285,7 @@ def judged(log: Logged, effects: Sequence[Effect], level: float) -> Judgement:
     # Parameters of another model, or of another method, have no past here.
     for effect in effects:
         of = effect.of
+        # A parameter that this log does not have counts as assumed.
         _, std = log.values.get(of.name, (0.0, 0.0))
         # A value that was assumed has no standard deviation, and nothing to compare.
         if log.robot not in of.robots or not 0 < std < np.inf:
@@ -314,6 +319,7 @@ def _tests(log: Logged, effect: Effect, past: NDArray[np.bool_]) -> Iterator[Cha
     # Errors of a fit and scatter of weeks are independent: their variances add.
     weight = 1 / (of.std[past] ** 2 + effect.weeks**2)
     weight_now = 1 / (std**2 + effect.weeks**2)
+    # Values at their own temperatures, before they are converted.
     y = of.value[past]
     warmer = log.temperature - of.temperature[past]
     slope_std = 0.0

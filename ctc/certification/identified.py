@@ -111,6 +111,7 @@ def refits(
     ranges = np.asarray(resonance, float)
     ratio = float(np.mean(damping_ratio))
     pose = np.asarray(pose, float)
+    # Bytes, not numbers: what is stored is that of exactly these ranges.
     key = (ranges.shape, ranges.tobytes(), ratio, pose.tobytes())
     stored = _STORE.setdefault(identification, {})
     # A range that is used again becomes the latest, so the oldest unused one is deleted.
@@ -136,6 +137,7 @@ def _fitted(
     """New fits over the ranges (m, 2) of resonances [Hz]."""
     # 1. Resonances of the fits, in equal ratios from the lowest to the highest.
     low, high = np.log(ranges).T
+    # The widest range decides, as all joints go through theirs together.
     steps = np.ceil((high - low).max() / np.log(SETTINGS.ratio))
     fewest = 1 if (high == low).all() else 2
     count = int(np.clip(steps + 1, fewest, SETTINGS.fits))
@@ -154,6 +156,7 @@ def _fitted(
                     # Without its second round the first resonance has no fit either.
                     fits.pop(fraction, None)
                     break
+                # The stiffness of the next gears follows from this arm's inertia.
                 arm, fits[fraction] = fitted
     # 3. Resonances that the log contradicts have no fit; the nearest stands for them.
     if not fits:
@@ -290,6 +293,7 @@ def identified(
     # Numbers of the logged law are no property of the plant.
     plant = [i for i, name in enumerate(names) if not name.startswith("law.")]
     for i in plant:
+        # A plant with another gear than its controller would fail by statement, not by chance.
         if names[i].startswith(_KNOWN_TO_LAWS) and (covariances[:, i, i] > 0).any():
             raise ValueError(
                 f"{names[i]} cannot be sampled: controllers read their counts by it. Identify with"
@@ -320,6 +324,7 @@ def _root(covariance: Floats, plant: list[int]) -> Floats:
         )
     covariance = covariance[np.ix_(plant, plant)]
     # Scaling to correlations makes eigenvalues of different units comparable.
+    # Magnitudes: a negative variance is refused below, with its eigenvalue.
     scale = np.sqrt(np.abs(np.diag(covariance)))
     scale[scale == 0] = 1.0  # a number without uncertainty
     sizes, axes = np.linalg.eigh((covariance + covariance.T) / 2 / np.outer(scale, scale))

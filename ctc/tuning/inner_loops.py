@@ -40,11 +40,13 @@ class InnerTrial(Shown, Frozen):
     @property
     def rank(self) -> tuple[int, float]:
         """Rank of a trial; a smaller one is better: first the failing samples, then the chatter."""
+        # A loop that leaves the limit is never better than one that keeps it, however quiet.
         return self.left, float(self.chatter.mean())
 
     @property
     def fields(self) -> str:
         """What is written to the drives: the register, or the integers of kp and kd."""
+        # A register is written as it is; frames carry two integers for each joint.
         if not isinstance(self.inner, MitDrive):
             return str(self.register)
         kp, kd = self.inner.whole_gains
@@ -81,15 +83,18 @@ def inner_trials(
             warnings.simplefilter("ignore", IdentificationWarning)
             task = task_above(dataclasses.replace(rig, inner=loop))
             law = ComputedTorque(task.found, task.rig)
+        # The same samples above each loop, so that they differ by the loop alone.
         plants = task.sampled(samples)
         runs = [
             plants.under(law, path, duration=duration, **options).run(task.threads)
             for path, duration in task.motions.values()
         ]
+        # A sample fails if any motion leaves the limit, as in the certificate.
         failed = np.any([run.outside > 0 for run in runs], axis=0)
         trials.append(
             InnerTrial(
                 register=register,
+                # One number may stand for all joints; the result states each.
                 inner=loop.for_joints(rig.n),
                 left=int(failed.sum()),
                 of=len(failed),

@@ -88,6 +88,7 @@ def with_known_gears(
     half = np.sqrt(SETTINGS.precise)
     tried = []
     for hz in np.geomspace(low * half, high / half, SETTINGS.places):
+        # By the ratio: an interval of an identification is a factor, not a difference.
         rows = np.flatnonzero(np.abs(np.log(resonance / hz)) < np.log(half))[: SETTINGS.samples]
         # Gears that no computed torque can have in its model are left out.
         with contextlib.suppress(ValueError):
@@ -101,11 +102,13 @@ def _tried(plants, rows, hz, motions, options, threads):
     # f is fitted on gears, too: the samples have that of their resonance.
     arm = plants.arm.dynamics.arm(plants.f[rows].mean(axis=0))
     damping = float(np.mean(plants.uncertainty.damping_ratio))
+    # The resonance is stated at the pose in which the first motion begins.
     start = motions[0][0](np.zeros(1)).q[0]
     gears = Elasticity.from_resonance(arm, hz, damping, drive=plants.own.drive, q=start)
     names, values = plants.numbers()
     results = []
     for bandwidth in SETTINGS.bandwidths:
+        # The model has the gears of the place, the samples those beside it.
         law = ComputedTorque(arm, with_gears(plants.own, gears), bandwidth=bandwidth)
         runs = Runs.joined(
             [
@@ -115,6 +118,7 @@ def _tried(plants, rows, hz, motions, options, threads):
                 for path, duration in motions
             ]
         )
+        # Failures come before chatter: a quiet controller that fails is no gain.
         left = int((runs.outside > 0).sum())
         chatter = float(runs.chatter.mean(axis=0).max())
         results.append(KnownGears(float(hz), left, len(rows), chatter))

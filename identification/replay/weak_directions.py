@@ -103,6 +103,7 @@ def with_weak_directions(
         return Slopes(slopes, none)
 
     # 1. Simulate the weak directions. Better slopes turn them, so this is repeated.
+    # In columns of one length the eigenvalues are shares, whatever the units are.
     scaled = slopes / lengths
     way = SETTINGS.way * np.sqrt(np.count_nonzero(readings))
     unit = np.ones(len(varied))
@@ -117,6 +118,7 @@ def with_weak_directions(
                 # Where the arm leaves the log the differences of single unknowns stay.
                 if not np.isfinite(slope).all():
                     continue
+                # Only this direction changes: the slopes of all others stay to the bit.
                 change = slope - scaled @ axis
                 scaled += np.outer(change, axis)
                 settled &= norm(change[readings]) < SETTINGS.agreement * SETTINGS.determined
@@ -131,6 +133,7 @@ def with_weak_directions(
     for axis in axes.T[squares < SETTINGS.determined**2]:
         _require_expectation(residual, varied, axis, scaled @ axis, readings)
         scaled[readings] -= np.outer(scaled[readings] @ axis, axis)
+        # Back in steps of the unknowns, in which the covariance is made.
         undetermined.append(axis / lengths)
     return Slopes(scaled * lengths, np.reshape(undetermined, (-1, len(varied))))
 

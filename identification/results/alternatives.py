@@ -369,6 +369,7 @@ def linear(
     if not rows:  # the unknowns take all of them over
         return
     residual = at.before
+    # Before numbers are left out: all of them were free to explain the residual.
     freedom = len(rows)
     lowest = hypothesis.least_samples * at.model.records[0].rig.period
     tested = rows
@@ -406,6 +407,7 @@ def _absorbing(at: Optimum, changes: _Effects, values: Mapping[str, float]) -> t
     """Names of the unknowns that can produce nearly the same effect as these values."""
     if not values:
         return ()
+    # Together, as the correction would be applied, not number by number.
     effect = np.sum([value * changes[name] for name, value in values.items()], axis=0)
     if (at.left(effect) ** 2).sum() > SETTINGS.absorbed * (effect**2).sum():
         return ()
@@ -442,6 +444,7 @@ def elastic(hypothesis: ArmHypothesis, point: Point) -> Iterator[Sign]:
     """Of compliance the score test, or the trial of a resonance that explains more."""
     at = point.at
     # A resonance above half of the sampling rate would not show, whatever the innovations are.
+    # Nyquist: half of the sampling rate, of the slowest record.
     smallest = (2 * max(record.rig.period for record in at.model.records)) ** 2
     for sign in linear(hypothesis, point):
         visible = {name: max(value, smallest) for name, value in sign.visible.items()}
@@ -490,6 +493,7 @@ def lengths(hypothesis: ArmHypothesis, point: Point) -> Iterator[Sign]:
     """The sign of the one length that explains most."""
     at = point.at
     # Lengths of the first link place the base: they do not act.
+    # One model per length: that is why lengths are tested last.
     names = [name for name in longer(at.model.dynamics) if joint_of(name)]
     # Each needs its own model, so they run on all cores.
     rows = shared_out(lambda name: effect_of_length(at, name), names, at.model.threads)
@@ -526,6 +530,7 @@ def reversals(hypothesis: ArmHypothesis, point: Point) -> Iterator[Sign]:
     ]
     if not ratios:
         return
+    # One joint: where several gears play, the worst hides the others.
     ratio, i, crossing = max(ratios, key=lambda item: item[0])
     # Beyond what a right model may have there.
     explained = float((crossing**2).sum() * (1 - SETTINGS.reversal_ratio / ratio))

@@ -167,6 +167,7 @@ class Detection(Shown, Frozen):
         if self.reason is not None:
             return f"compliance, backlash, lag, friction: not tested: {self.reason}"
         # In the order of a reader: causes, clean tests, doubts, records, effects without a test.
+        # Tests at the optimum without causes; what was selected stands in `named`.
         by_name = {sign.name: sign for sign in self.signs}
         fittable = {name for name in by_name if BY_NAME[name].refit}
         rest = [by_name[name] for name in by_name if name in fittable - {*self.names}]

@@ -76,6 +76,7 @@ def compared(
     hypothesis: ArmHypothesis, point: Point, sign: Sign, at: Optimum, step: Floats
 ) -> Refit:
     """A fit with the sum of squares that it explains, against the present optimum."""
+    # In the sum of squares itself: the linear estimate of a score test promises more.
     explained = point.at.squares - at.squares
     # A gear with backlash moves in and out of contact: the fit may end beside its own trial.
     if hypothesis.gears:
@@ -94,6 +95,7 @@ def moved(
     step = point.step.copy()
     for name, value in sign.values.items():
         moves[place(name)] = value
+        # A difference must be small against the effect, whose size the estimate gives.
         step[place(name)] = SETTINGS.step * abs(value)
     try:
         refit = _from(hypothesis, point, sign, moves, step)

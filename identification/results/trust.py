@@ -336,6 +336,7 @@ def _timing(case):
     delay = diagnostics.delay
     names = diagnostics.detection.names
     # Another cause can look like a delay; it is reported instead.
+    # A fitted cause comes with its own line; a delay beside it would be its shadow.
     explained = names and "delay" not in names
     if not case.replayed and is_late(delay, diagnostics.delay_std) and not explained:
         absorbing = _absorbing_delay(case)
@@ -458,6 +459,7 @@ def _ranges(identification):
     """Ranges of motion in the first record, as its rig counts."""
     # A user compares these ranges with those of the experiment: wrong counts per turn show here.
     record = identification.records[0]
+    # From the counts alone, without a model that may be wrong.
     spans = np.ptp(record.rig.to_angle(record.counts), axis=0)
     return " and ".join(
         f"{span:.3g} m" if link.prismatic else f"{np.rad2deg(span):.0f} degrees"
@@ -472,6 +474,7 @@ def pairs_of(identification: Any) -> list[tuple[str, str]]:
     fit = identification.fit
     names = identification.short_names
     # Of a pair, at least one value must be uncertain: two precise ones may be correlated.
+    # Relative to the value, which is what a user compares the deviation with.
     vague = fit.std > SETTINGS.vague * np.abs(fit.values)
     alike = (np.abs(fit.correlation) > SETTINGS.correlation) & (vague[:, None] | vague)
     # Effects that the rig may lack move many values alike, so noise alone must correlate them too.
@@ -485,6 +488,7 @@ def pairs_of(identification: Any) -> list[tuple[str, str]]:
 def _pairs(case):
     result = case.identification
     pairs = pairs_of(result)
+    # A few correlated pairs are usual in any motion of a real arm.
     if len(pairs) > SETTINGS.pairs:
         names = {name for pair in pairs for name in pair}
         listed = ", ".join(sorted(names, key=result.short_names.index))

@@ -111,6 +111,7 @@ HYPOTHESES = (
     ArmHypothesis(
         name="compliance",
         sentence="the joints are elastic: locked-rotor resonance near {each}",
+        # As an unknown the stiffness gets an interval, which a score test does not give.
         remedy="Give the drive an Elasticity, and identify its stiffness too",
         telling="a motion with faster reversals shows the springs, a slow one the rest",
         biased=True,
@@ -137,6 +138,7 @@ HYPOTHESES = (
         title="backlash",
         unit="degrees",
         convert=np.rad2deg,
+        # No step: within its teeth a gear does not feel how wide they are apart.
         numbers=(Number(name="backlash", place="drive.elasticity.backlash", gives=True),),
         gears=True,
         shown=_widths,
@@ -208,11 +210,13 @@ HYPOTHESES = (
         name="gear",
         sentence="gears (or lengths, or counts per turn) are not the rig's: {each}",
         remedy="Check them, or add drive.gear[0] and so on to unknown",
+        # A log hardly tells a gear from a length, so the measurement is one of the machine.
         telling="turn the motor by whole turns, and measure the joint",
         biased=True,
         title="another gear",
         unit="%",
         convert=_percent,
+        # A share, since gears of one arm differ by an order of magnitude, their errors do not.
         numbers=(Number.share("gear", "drive.gear", tolerance="gear"),),
         signed=True,
         refit=moved,
@@ -221,6 +225,7 @@ HYPOTHESES = (
     # Torques that are all too large by one share show as other friction.
     ArmHypothesis(
         name="motor gain",
+        # f and friction scale with it: a test would always find what they take over.
         numbers=(Number.share("motor_gain", "drive.motor_gain"),),
         test=untested,
     ),
@@ -228,6 +233,7 @@ HYPOTHESES = (
     ArmHypothesis(
         name="lag",
         sentence="torques lag behind commands by {each}",
+        # Not as an unknown: a lag of the currents and late counts are nearly one effect.
         remedy="Give the drive current_lag, and compare",
         telling="log the current beside the command",
         title="lag",
@@ -256,6 +262,7 @@ HYPOTHESES = (
     ArmHypothesis(
         name="delay",
         sentence="the counts are {each}",
+        # The log is shifted, not the model, whose samples are whole.
         remedy="Identify without_delay(record, {value:.2g}) and compare",
         telling="log the torque as well, whose timing shows without it",
         biased=True,
@@ -280,6 +287,7 @@ HYPOTHESES = (
         torques=cogging,
         shown=_amplitudes,
         signed=True,
+        # The cycles are the best of so many in this log, which makes a hit by chance likelier.
         choices=CYCLES,
         refit=pushed,
         spread=0.05,
@@ -297,6 +305,7 @@ HYPOTHESES = (
         unit="ms",
         convert=_milliseconds,
         torques=lead,
+        # A shorter lead is the difference between two ways to hold a torque.
         least_samples=0.5,
         refit=pushed,
         spread=5e-3,
@@ -306,6 +315,7 @@ HYPOTHESES = (
         name="drift",
         sentence="friction is changing along the log: from its beginning to its end by {each} of"
         " the stated one",
+        # A FrictionDrift is stated: no log shows how friction goes on after it.
         remedy="Log a warm robot, cut the log, or give the drive a FrictionDrift",
         telling="log the same motion twice",
         title="changing friction",
@@ -361,6 +371,7 @@ HYPOTHESES = (
         convert=_percent,
         prefix="links",
         signed=True,
+        # f takes a length over almost completely, and each length needs a model of its own.
         suspected=True,
         test=lengths,
         refit=lengthened,

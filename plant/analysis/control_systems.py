@@ -137,6 +137,7 @@ def _arm_system(
             "arm", state, {"tau": torque}, ca.vertcat(qd, qdd), {"q": q, "qd": qd}, 0, ("q", "qd")
         )
     instance("rig", rig, Rig, "Pass the rig that drives the arm.")
+    # Presliding friction is a spring, in continuous time as well.
     presliding = rig.drive.presliding
     # Bristles of no length are infinitely stiff, which a solver of differential equations is not.
     if not sampled and presliding is not None and not (presliding.distance > 0).all():
@@ -158,6 +159,7 @@ def _arm_system(
     fields = Fields(**{name: per_joint() for name in names})
     symbols = ca.SX.sym("state", fields.length(n))
     state = fields.read(symbols, n)
+    # Within the system of the arm: a limit between two systems would be a loop of its own.
     tau = rig.drive.limited(torque)
     following = loop.state_with(torque=tau, **state._asdict())
     for _ in range(steps_per_sample if sampled else 1):
@@ -208,6 +210,7 @@ def _law_system(law: Law, rig: Rig | None) -> control.NonlinearIOSystem:
         names += _labels("torque", n)
         state = ca.vertcat(state, torque)
         return _system("law", state, inputs, following, {"asked": command}, block.period, names)
+    # In continuous time a step has no length.
     command = ca.substitute(command, dt, 0)
     if ca.depends_on(command, torque):
         raise ValueError(
@@ -219,6 +222,7 @@ def _law_system(law: Law, rig: Rig | None) -> control.NonlinearIOSystem:
     following = ca.substitute(following, torque, rig.drive.limited(command))
     rate = ca.substitute(ca.jacobian(following, dt), dt, 0)
     at_start = ca.Function("rate", [state, *inputs.values()], [command, rate])
+    # Tried once at the start, since a division by dt shows in numbers only.
     results = at_start(block.initial, *[np.zeros(n)] * 4)
     if not all(np.isfinite(result.full()).all() for result in results):
         raise ValueError(

@@ -69,6 +69,7 @@ def _measured(cause, before, after, i):
             return _law_slope(before, i), "of the law's"
         return -after.motions[i].inertia if after.motions else None, "kg m^2"
     if cause.check == "swapped torques":
+        # How much of the torque the joint's own motion explains, before the exchange.
         return 100 * (1 - before.motions[i].unexplained) if before.motions else None, "% explained"
     if cause.check == "units of torque":
         if cause.name == "Coulomb friction":
@@ -76,6 +77,7 @@ def _measured(cause, before, after, i):
         if before.torques_of_law is not None:
             return abs(_law_slope(before, i)), "of the law's"
         return _rotor_inertias(before, i), "rotor inertias"
+    # A switch has no size: the gear is the factor that was forgotten, or counted twice.
     if cause.check in ("units of counts", "quantisation step") and cause.size in (1.0, -1.0):
         return abs(before.record.rig.drive.gear[i]) if "motor" in cause.name else None, ""
     if cause.check == "viscous friction":
@@ -86,6 +88,7 @@ def _measured(cause, before, after, i):
 def _law_slope(experiment, i):
     """Logged over commanded torque of a joint."""
     commanded, logged = (table[:, i] for table in experiment.torques_of_law)
+    # Least squares through zero: an amplifier that is off by a factor has no offset.
     return float(commanded @ logged / max(commanded @ commanded, 1e-300))
 
 
@@ -105,6 +108,7 @@ def measured_findings(experiment: Experiment, caused: set[tuple[str, Any]]) -> I
     signals = experiment.signals
     short = "" if signals.long_enough else "too short to compare speeds"
     reference = short or ("no reference" if signals.reference is None else "")
+    # Every check has its line in the table, with a reason where it could not be made.
     reasons = {
         "swapped joints": (reference, _tracking),
         "gear sign": (reference, _slope),
@@ -144,11 +148,14 @@ def _delay(experiment, i):
     check = Check("delay", i, "samples")
     signals = experiment.signals
     law = experiment.record.law
+    # A delay against a motion that was not asked for has no meaning.
     if not signals.tracks[i]:
         return Check("delay", i).unknown("the counts do not follow the reference")
     if experiment.torques_of_law is not None or (
         signals.torque is not None and experiment.motions is not None
     ):
+        # With a torque the score sees the phase of counts and torque, which is the sharpest
+        # measure.
         value, std = _delay_by_score(experiment, i)
     elif (delay := experiment.once("delay", delays)) is not None:
         if (ratio := _friction(experiment, i, "viscous")) is not None and ratio > _OTHER_UNIT:
@@ -172,6 +179,7 @@ def _delay(experiment, i):
 
 def _delay_by_score(experiment, i):
     """The likeliest delay and its standard deviation: the vertex of the score's parabola."""
+    # Three scores make a parabola: half a sample to both sides, where it is still one.
     early, late = (
         experiment.changed(counts_in_time(experiment.record, (i,), step)).score - experiment.score
         for step in (-0.5, 0.5)
@@ -187,6 +195,7 @@ def _inertia(experiment, i):
     if experiment.motions is None or not np.isfinite(experiment.motions[i].inertia_std):
         return check.unknown("too little motion")
     motion = experiment.motions[i]
+    # A wrong sign makes this inertia negative; one that may be zero shows no sign.
     if motion.inertia < _CERTAIN * motion.inertia_std:
         return check.unknown("no acceleration that torque explains", motion.inertia)
     return check.fine(motion.inertia)
@@ -194,6 +203,7 @@ def _inertia(experiment, i):
 
 def _explained(experiment, i):
     check = Check("swapped torques", i, "% explained")
+    # A single joint has no other one with which its torque could be exchanged.
     if experiment.n == 1:
         return check.unknown("one joint")
     if experiment.motions is None or not np.isfinite(experiment.motions[i].inertia_std):
@@ -262,8 +272,10 @@ def _likely_units(experiment):
 
 
 def _units_by_score(experiment):
+    # Switches alone: a factor of any size would always explain the torque best.
     trials = Trials([row for row in SWITCHES if row.check in _UNITS])
     ranked = sorted(trials(experiment), key=lambda candidate: -candidate.log_odds)
+    # Without the odds against each: the torque is known to be odd, and only the reason is asked.
     gains = [candidate.log_odds + candidate.hypothesis.against for candidate in ranked]
     likely = [
         f"{candidate.hypothesis.sentence[0].lower()}{candidate.hypothesis.sentence[1:]}"
@@ -296,6 +308,7 @@ def _same_counts(signals, i, j):
     # Two joints at rest are alike for another reason.
     if np.ptp(moved[:, i]) < LEAST_MOTION * signals.least_count[i]:
         return False
+    # One column mapped twice differs by its rounding in the two gears.
     pulse = np.abs(np.diag(signals.rig.to_angle(np.eye(signals.n))))
 
     def alike(pulses):
@@ -304,6 +317,7 @@ def _same_counts(signals, i, j):
         return bool(np.abs(angle[:, i] - angle[:, j]).max() <= pulse[i] + pulse[j])
 
     if signals.reference is not None:
+        # Joints that were asked for the same motion may well make it.
         commanded = signals.reference - signals.reference[0]
         if alike(commanded):
             return False
@@ -312,6 +326,7 @@ def _same_counts(signals, i, j):
 
 def _same_torque(signals, i, j):
     for table in (signals.record.torque, signals.record.current):
+        # Constant columns are alike in any log of a joint without a load.
         if table is not None and np.ptp(table[:, i]) and (table[:, i] == table[:, j]).all():
             return True
     return False

@@ -171,6 +171,7 @@ class AlongLog(Resumed):
         n = rig.n
         carried_fields = _carried(block)
         laws = len(block.values) - len(rig.number_values())
+        # Rounded up: the last call may be filled with repeated rows.
         calls = -(-count // _STEPS_PER_CALL)
         # The function takes a fixed number of steps; the last call repeats the last row.
         rows = np.minimum(np.arange(calls * _STEPS_PER_CALL), count - 1).reshape(calls, -1)
@@ -205,6 +206,7 @@ def _step(block: Block, rig: Rig) -> ca.Function:
     fields = _carried(block)
     laws = len(block.values) - len(rig.number_values())
     vector = ca.SX.sym("carried", fields.length(n))
+    # By name, so that memory and torque cannot change places.
     carried = fields.read(vector, n)
     dt = ca.SX.sym("dt")
     numbers = ca.SX.sym("numbers", len(block.values))

@@ -155,6 +155,7 @@ class Record(FromFiles, Frozen):
             )
         # 3. Signals: one row per sample, one column per joint.
         shape = (len(t), self.rig.n)
+        # Checked values are set at the end, when all of them are known to be sound.
         values = {"t": t}
         for name in COLUMNS:
             value = getattr(self, name)
@@ -212,8 +213,6 @@ class Record(FromFiles, Frozen):
 
         The field is "counts", "reference", "torque" or another one. The name is the one in the
         file, if one was mapped, and the field; otherwise it is the field alone.
-
-        Its name in the file, if one was mapped, and the field; otherwise the field alone.
         """
         mapping = self.columns or {}
         # A signal may have been computed from another column, which is the one that the user can
@@ -269,6 +268,7 @@ class Record(FromFiles, Frozen):
             raise ValueError(
                 f"begin and end must hold samples; none lies from {begin:g} to {end:g} s. {extent}"
             )
+        # A slice, not the rows: times increase, so that the stretch has no holes.
         stretch = slice(rows[0], rows[-1] + 1)
         reference = self.reference
         # A cut that starts later has no known initial state, and its reference starts in its
@@ -316,6 +316,7 @@ class Record(FromFiles, Frozen):
 
 def _require_sensors(rig: Rig, counts: Floats) -> None:
     """Refuse columns of link encoders that hold gaps, none at all, or others than the rig has."""
+    # NaN is how a column says that there is no sensor.
     numbers = np.isfinite(counts)
     stated = rig.encoder.side
     has_sensor = np.asarray(numbers.any(axis=0))

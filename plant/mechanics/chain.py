@@ -86,6 +86,7 @@ class Chain(Part):
                 f"bodies must be {len(links)}, one Body per link; got {len(bodies)}. Add or leave"
                 " out."
             )
+        # A coupling for other joints would be broadcast without a word.
         self.coupling.require_size(len(links), "chain")
         if self.limits is not None and self.limits.n != len(links):
             raise ValueError(
@@ -128,6 +129,7 @@ class Chain(Part):
                 "bodies must be known to get rotors; this chain has none. Give the Chain its"
                 " bodies."
             )
+        # Said here: rotors of a shorter drive would be paired with the first links.
         if drive.n != self.n:
             raise ValueError(
                 f"drive must have {self.n} joints like the chain; got {drive.n}. Use a matching"
@@ -151,6 +153,7 @@ class Chain(Part):
                 "bodies must be known to carry one more; this chain has none. Give the Chain its"
                 " bodies."
             )
+        # By name where a link has one, since places change when a model file grows.
         names = [carrier.name for carrier in self.links]
         if isinstance(link, str):
             link = names.index(choice("link", link, names))

@@ -126,6 +126,7 @@ def _read(cls: Any, path: str | Path) -> Any:
     missing = [key for key in _KEYS if key not in data]
     if missing:
         raise ValueError(f"must have the key {missing[0]!r}; it has not. Save it again.")
+    # By the name of its kind alone: a file never names code to be run.
     cls_of_file = class_of(data["kind"])
     # A class may list in `_read_by` unrelated classes whose `load` reads its files, too.
     if not issubclass(cls_of_file, cls) and cls not in getattr(cls_of_file, "_read_by", ()):
@@ -134,6 +135,7 @@ def _read(cls: Any, path: str | Path) -> Any:
             f" {cls_of_file.__name__}.load."
         )
     content = data["content"]
+    # Two places state the kind; a file that was put together by hand may differ in them.
     if not isinstance(content, dict) or content.get("kind") != data["kind"]:
         raise ValueError(
             f"must hold what its head says, a {data['kind']:.60}; it does not. Save it again."
@@ -195,6 +197,7 @@ def parsed(data: bytes) -> Any:
     except RecursionError:
         raise ValueError("must be JSON; it is nested too deep. Save it again.") from None
     except json.JSONDecodeError as error:
+        # The commonest wrong file is a log: its first line tells which.
         begins = error.doc[:20]
         # An error at the very end of the text means that writing was interrupted.
         cut = error.pos >= len(error.doc.rstrip())
@@ -219,6 +222,7 @@ def _object(pairs: list[tuple[str, Any]]) -> Any:
         twice = next(key for i, (key, _) in enumerate(pairs) if key in dict(pairs[:i]))
         raise ValueError(f"must have each key once; {twice!r:.40} comes twice. Save it again.")
     if set(entries) == {"float"}:
+        # Only what JSON lacks may be written so, as each number has one form in a file.
         if entries["float"] not in _SPECIAL:
             raise ValueError(f"must have numbers; got {entries['float']!r:.40}. Save it again.")
         return float(entries["float"])

@@ -41,6 +41,7 @@ def significant(value: float, digits: int = 2) -> str:
     """A number with so many significant digits, all digits before the point, and no exponent."""
     if not value or not math.isfinite(value):
         return f"{value:g}"
+    # Digits before the point are never rounded away: 12345 stays whole.
     decimals = digits - 1 - math.floor(math.log10(abs(value)))
     return f"{value:.{max(decimals, 0)}f}"
 
@@ -73,6 +74,7 @@ class Table:
 
     def lines(self, width: int = WIDTH) -> list[str]:
         """Text of it, no wider than `width` where a column and its row's name fit."""
+        # By columns, since each has one width for its title and all its cells.
         columns = list(zip(*([self.head] if self.head else []), *self.rows, strict=True))
         widths = self._widths(columns, width)
         if widths is not None:
@@ -89,6 +91,7 @@ class Table:
                 break
         lines: list[str] = []
         for group, panel_widths in parts:
+            # The first column again, so that each panel has the names of its rows.
             panel = [columns[i] for i in group]
             lines += [
                 *([""] * bool(lines)),
@@ -143,6 +146,7 @@ class Table:
         self, columns: Sequence[Sequence[str]], places: Iterable[int], widths: Sequence[int]
     ) -> list[str]:
         """Lines of these columns with these widths."""
+        # Numbers to the right, so that their points stand below each other.
         left_aligned = [i == 0 or i in self.words for i in places]
         lines = []
         for k, row in enumerate(zip(*columns, strict=True)):

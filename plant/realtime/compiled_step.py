@@ -65,6 +65,7 @@ def initial_memory(law: Any, rig: Rig, block: Any, guards: Guards | None) -> Flo
     joints = parts.joints
 
     # 1. Settings that follow from law and rig.
+    # Fast hardware has no period of its own: its calls are compared with that of the rig.
     run.period = block.period or rig.period
     run.states = len(block.initial)
     run.weight = compensates_gravity(law, guards)
@@ -92,6 +93,7 @@ def initial_memory(law: Any, rig: Rig, block: Any, guards: Guards | None) -> Flo
             joints[name] = np.inf
         joints["lower"] = -np.inf
         return vector
+    # Numbers, not flags: the memory is one vector of floats, in numba and in C.
     run.guarded = 1.0
     run.patience = guards.patience
     run.late = guards.late
@@ -175,6 +177,7 @@ def _lines(piece, layout):
         [(f"memory[{position}]", STATE) for position, _ in layout.components(name)]
         for name in piece.sources
     ]
+    # The same translation as of the loop, so that a law computes the same bits in both.
     program = translate(piece.function, inputs, Names(), None)
     lines = [*map(str, program.lines[UNIFORM] + program.lines[STATE])]
     # All quantities are read before one is written.

@@ -123,6 +123,7 @@ class FirstMotion:
         if not (np.isfinite(largest) & (largest > 0)).all():
             raise ValueError(f"torque must be above 0 and finite; got {largest}. {advice}")
         self.travel = real("travel", travel, "Give pulses, such as 12.", positive=True)
+        # Else a push would end before its counts can be told from a flicker.
         if travel < SETTINGS.counts:
             raise ValueError(
                 f"travel must be at least {SETTINGS.counts} pulses; got {travel:g}."
@@ -131,6 +132,7 @@ class FirstMotion:
         self.rig = rig
         self.n = n
         self.done = False
+        # A line for each motor that was judged, in the order of the pushes.
         self._lines: list[str] = []
         self._weight = np.zeros(n)
         self._largest = largest
@@ -172,6 +174,7 @@ class FirstMotion:
 
     @property
     def fine(self) -> bool:
+        # A finding on any motor: wires of the others may be swapped with it.
         return self.done and all(line.endswith(": fine") for line in self._lines)
 
     @property
@@ -250,15 +253,18 @@ class FirstMotion:
             counts = counts if still else self._latest
 
     def _gave_up(self, motor: int, why: str) -> bool:
+        # From the beginning of the whole test: small moves of many pushes add up.
         far = np.abs(self._latest - self._begin) > 10 * self.travel
         if far.any():
             label = self._labels[int(np.argmax(far))]
             self._lines.append(f"motor of {self._labels[motor]}: {label} {why}")
+            # No torque at all: the weight of a model that does not hold is no help.
             self._torque = np.zeros(self.n)
         return bool(far.any())
 
     def _finding(self, motor: int, moved: Floats, push: Floats) -> str:
         """Finding from the counts (n,) that moved when one motor was pushed to raise its own."""
+        # The joint that moved most; others follow it by the arm's inertia.
         mover = int(np.abs(moved).argmax())
         if abs(moved[mover]) < SETTINGS.counts:
             largest = np.abs(push).max()

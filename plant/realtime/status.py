@@ -28,6 +28,7 @@ FIRST_CALLS = 2
 def numbers(name: str, value: ArrayLike, n: int, advice: str) -> Floats:
     """Numbers of one argument, finite or not; all but plain arrays of numbers are refused."""
     try:
+        # The usual call is an array already: nothing is copied within a sample.
         plain = np.asarray(value)
     except ValueError:
         return array(name, value, (n,), advice=advice, finite=False)
@@ -53,6 +54,7 @@ def refuse(
     refusal: int, arguments: Sequence[Floats], rig: Rig, previous: float, now: float
 ) -> NoReturn:
     """Raise the error of a refused call at `now` [s], after a call at `previous` [s]."""
+    # In the order of `ARGUMENTS`: counts, then the reference's motion.
     counts = arguments[0]
     motion = arguments[1:]
     # The core gives only the kind of the error; the checks of the arguments word it.

@@ -55,9 +55,11 @@ def loop_source(
     outputs = dict.fromkeys(_BLOCKS, None if name == "single" else states)
     if name == "logged":
         outputs["sample"] = states + loop.log_fields.at(loop.n)["error"].stop
+    # Only what the kernel needs is translated: logs of a population are never computed.
     programs = _programs(loop, lanes, uniform, uneven, rows.__next__, outputs)
 
     # 3. What is evaluated once, once per step, and once per step and individual.
+    # Short pieces serve several individuals alone; see the constants.
     size = PIECE if width > 1 else LONG_PIECE
     emitter = _Emitter(name, width, size, states, places, rows.__next__)
     text, numbers = emitter.once(programs.values())
@@ -99,6 +101,7 @@ class _Emitter:
 
         The first is evaluated once, the second once per individual.
         """
+        # The three functions share numbers: each is loaded once for all of them.
         used = {number: kind for program in programs for number, kind in program.used.items()}
         numbers = [number for number, kind in used.items() if kind == UNIFORM]
         uniform = ["u = e.view(kinds[0], u, 1, e.index(0, 0))"]
@@ -131,6 +134,7 @@ class _Emitter:
         of_table = {letter: [number for number in inputs if number[0] == letter] for letter in "td"}
         # Of wide tables a kernel reads few columns; the tables are narrowed to them.
         for letter, table in (("t", block), ("d", "data")):
+            # A number of a table is named by its column: t7 is column 7.
             columns[table] += [int(number[1:]) for number in of_table[letter]]
         lines = [
             f"t = e.view(kinds[0], t, 1, e.index(i, {len(columns[block])}))",
@@ -148,6 +152,7 @@ class _Emitter:
         """Functions of a step of each individual, and the lines of the loop that call them."""
         name = f"{self.name}_{block}"
         width = self.width
+        # A divisor of both, so that any width works.
         vector = math.gcd(self.width, VECTOR)
         table, index, log = _BLOCKS[block]
 

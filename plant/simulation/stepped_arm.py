@@ -92,6 +92,7 @@ class SteppedArm:
         )
         self._loop = loop
         self._kernel = loop_kernel(loop)
+        # A copy: the arm is frozen, while its load may change from sample to sample.
         self._f = np.array(arm.f)
         self._numbers = loop.number_values(self._f)
         self._state = loop.initial_state(q, qd, self._numbers)
@@ -102,6 +103,7 @@ class SteppedArm:
         places = loop.read_state(np.arange(len(self._state)))
         self._q, self._qd = loop.joint_motion(places)
         self._encoded = loop.encoded(places)
+        # Written by the kernel and not read: the state says all that a script needs.
         self._logs = np.empty((1, loop.n_log)), np.empty((steps_per_sample, self.n))
 
     @property
@@ -131,6 +133,7 @@ class SteppedArm:
         f = self._f
         if load is not None:
             instance("load", load, Body, "Give mass and com; a point mass needs no inertia.")
+            # From the bare arm each time, so that loads replace each other and do not add up.
             f = f + self.arm.dynamics.load_matrix(link) @ load.standard_parameters
         self._numbers[: len(f)] = f
 
@@ -164,6 +167,7 @@ class SteppedArm:
         final, _ = self._kernel.run(
             tables, self._state[:, None], np.empty((0, 1)), self._numbers, self._logs
         )
+        # Before the check: after a divergence `q` shows where it went.
         self._state = final[:, 0]
         if not self._loop.sound(self._state):
             raise DivergenceError(
