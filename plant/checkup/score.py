@@ -499,7 +499,7 @@ class Experiment:
         if self.base is None or self.base.torque is None:
             power = np.var(self.torque, axis=0)
             return power.max() / np.maximum(power, _RIDGE * power.max() or 1.0)
-        # Another unit makes no motor stronger: a column that was another motor's is as weak as that.
+        # Another unit makes no motor stronger: a column that was another motor's is as weak as it.
         rows = slice(None, None, max(1, len(self.torque) // SETTINGS.rows))
         before, after = (_centred(torque[rows]) for torque in (self.base.torque, self.torque))
         sizes = np.outer(np.linalg.norm(after, axis=0), np.linalg.norm(before, axis=0))
