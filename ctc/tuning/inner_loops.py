@@ -65,11 +65,15 @@ class InnerTrial(Shown, Frozen):
 def inner_trials(
     inner: Mapping[Any, InnerLoop] | None,
     rig: Rig,
-    task_above: Callable[[Rig], Task],
-    samples: int,
+    task_above: Callable[..., Task],
+    settings: Any,
     options: dict[str, Any],
 ) -> tuple[InnerTrial, ...]:
-    """Trials of all loops, the best first; `task_above` gives the work above a rig."""
+    """Trials of all loops, the best first; `task_above` gives the work above a rig.
+
+    `settings`: `ctc.tuning.search.SearchSettings`. `options`: of `Population`.
+    """
+    options = {**options, "steps_per_sample": settings.check_steps}
     if inner is None:
         return ()
     advice = "Give {P: PositionServo(gain=P * unit) for P in (8, 16, 32)}, or MitDrives by a name."
@@ -81,10 +85,11 @@ def inner_trials(
         with warnings.catch_warnings():
             # `tune` itself gives the warnings of the identification.
             warnings.simplefilter("ignore", IdentificationWarning)
-            task = task_above(dataclasses.replace(rig, inner=loop))
+            above = dataclasses.replace(rig, inner=loop)
+            task = task_above(above, progress=False, checkpoint=None)
             law = ComputedTorque(task.found, task.rig)
         # The same samples above each loop, so that they differ by the loop alone.
-        plants = task.sampled(samples)
+        plants = task.sampled(settings.inner_samples)
         runs = [
             plants.under(law, path, duration=duration, **options).run(task.threads)
             for path, duration in task.motions.values()

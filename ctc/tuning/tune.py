@@ -145,13 +145,8 @@ def tune(
         executor=executor,
         settings=(allowed, *varied(vary)),
     )
-    loops = inner_trials(
-        inner,
-        rig,
-        lambda above: task_above(above, progress=False, checkpoint=None),
-        SETTINGS.inner_samples,
-        {"within": within, "after": after, "steps_per_sample": SETTINGS.check_steps},
-    )
+    judged_by = {"within": within, "after": after}
+    loops = inner_trials(inner, rig, task_above, SETTINGS, judged_by)
     if loops:
         rig = dataclasses.replace(rig, inner=loops[0].inner)
     task = task_above(rig, progress=progress, checkpoint=checkpoint)

@@ -154,6 +154,35 @@ def test_float_with_less_friction_than_the_model_comes_to_rest(share):
     assert np.abs(counts[-1] - counts[-50]).max() <= 1
 
 
+@pytest.mark.parametrize("inner", ["goal", "frame"])
+def test_what_float_sends_lies_beside_the_motion_of_the_hand(inner):
+    """Whatever reference is passed: the inner loop does not hold the hand back."""
+    loop = rig(inner=PositionServo(gain=GAIN / 4))
+    if inner == "frame":
+        loop = dataclasses.replace(loop, inner=MitDrive(kp=(5, 5), kd=(0.1, 0.1)))
+    law = Float(ARM, loop, settings=FloatSettings(gravity=0.005))
+    speed = np.array([0.6, -0.4])
+    here, elsewhere = (law.start(loop, loop.counts((0.3, -0.2)), guards=None) for _ in range(2))
+    for k in range(200):
+        q = (0.3, -0.2) + speed * k * loop.period
+        here.step(loop.counts(q), q, speed, np.zeros(2))
+        elsewhere.step(loop.counts(q), q + 0.05, -speed, np.zeros(2))
+    if inner == "goal":
+        np.testing.assert_allclose(here.goal, elsewhere.goal, atol=1)
+        # Gravity and 0.7 of friction, from the middle of the period on.
+        friction = 0.052 * np.sign(speed) + VISCOUS * speed
+        torque = ARM.dynamics.gravity(q, ARM.f).full()[:, 0] + 0.7 * friction
+        middle = loop.position_in_pulses(q + speed * loop.period / 2)
+        # The observer knows the place to a cell, and the speed to 5 %: 2 of these counts.
+        np.testing.assert_allclose(here.goal, middle + torque / (GAIN / 4), atol=3)
+        return
+    torques = [
+        kp * (at - q) + kd * (rate - speed) + tau
+        for at, rate, kp, kd, tau in (here.frame, elsewhere.frame)
+    ]
+    np.testing.assert_allclose(*torques, atol=0.01)
+
+
 # -- 5. boost, soft gears, fields, profiles, the end of the register -------------------------------
 @pytest.mark.parametrize("period", [0.01, 0.005])
 def test_a_boost_on_top_of_the_servo_stays_stable(period):
