@@ -166,6 +166,23 @@ def test_what_the_guarded_c_sends_has_the_bits_of_python(tmp_path, loop, rows, s
     assert outcomes == [False, True, True, True]
 
 
+@needs_c
+@pytest.mark.parametrize("precision", ["double", "single"])
+@pytest.mark.parametrize("loop", [servo_loop(), frame_loop()], ids=["goal", "frame"])
+def test_goals_and_frames_of_a_microcontroller_compile_without_a_warning(tmp_path, loop, precision):
+    running = ComputedTorque(ARM, loop).start(loop, loop.counts((0.6, 0.4)))
+    running.to_c(tmp_path, output=loop.inner.sends, target="cortex-m7", precision=precision)
+    flags = ["-std=c99", "-O1", "-Wall", "-Wextra", "-pedantic", "-Werror", "-c"]
+    # A number of double precision would be slow on a processor without it.
+    flags += ["-Wdouble-promotion"] if precision == "single" else []
+    run(CC, *flags, "controller.c", folder=tmp_path)
+    header = (tmp_path / "controller.h").read_text()
+    numbers = "int32_t goal[2]"
+    if loop.inner.sends == "frame":
+        numbers = ("float" if precision == "single" else "double") + " frame[10]"
+    assert numbers in header
+
+
 def bench(loop, motion):
     below = dataclasses.replace(loop, inner=None, period=1e-3)
     return SteppedArm(ARM, below, motion.q[0], motion.qd[0])
