@@ -299,8 +299,13 @@ def proof_of(link: CheckedLink, links: Links) -> str:
     if stated.density() > HEAVIEST:
         return "denser than any matter"
     if impossible(stated, link, links, alone=True):
+        # Any of the three may be the wrong one.
         size = float(np.sqrt(np.trace(stated.spread) / stated.mass))
-        return f"an inertial that does not fit the link (radius of gyration {size:.2g} m)"
+        away = float(np.linalg.norm(stated.com))
+        return (
+            f"an inertial that does not fit the link (mass {stated.mass:.2g} kg, radius of gyration"
+            f" {size:.2g} m, centre of mass {away:.2g} m from the frame)"
+        )
     return ""
 
 
