@@ -286,9 +286,15 @@ def choose_speed(
 
 
 def tried(
-    systems: Sequence[System], seconds: Floats, gap: float, weights: Floats | None
+    systems: Sequence[System],
+    seconds: Floats,
+    gap: float,
+    weights: Floats | None,
+    prior: tuple[Floats, Floats] | None = None,
 ) -> _Tried | None:
     """Fits without each segment, nor the equations within a gap [s] of it.
+
+    `prior`: rows (m, k) and target (m,) of equations of standard deviation 1 that are in all fits.
 
     None where there are too few equations.
     """
@@ -315,7 +321,10 @@ def tried(
         near = (places.record == record) & (places.t > t.min() - gap) & (places.t < t.max() + gap)
         # With fewer equations the fit has no residual, and predicts nothing.
         if (~near).sum() > 2 * k:
-            without[s] = _solved(weighted_rows[~near], weighted_target[~near])
+            known = weighted_rows[~near], weighted_target[~near]
+            if prior is not None:
+                known = np.vstack([known[0], prior[0]]), np.append(known[1], prior[1])
+            without[s] = _solved(*known)
     return _Tried(rows=rows, target=target, weight=weight, segment=segment, without=without)
 
 

@@ -13,7 +13,14 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from identification.equation_error.arm_check import FittedArm
-from identification.equation_error.band_choice import SHARES, FitTrial, choose_band, choose_speed
+from identification.equation_error.band_choice import (
+    SHARES,
+    FitTrial,
+    choose_band,
+    choose_speed,
+    tried,
+)
+from identification.equation_error.friction_trial import gain
 from identification.equation_error.least_squares import NotIdentifiableError, dependent_columns
 from identification.equation_error.logged_friction import (
     by_direction,
@@ -21,6 +28,7 @@ from identification.equation_error.logged_friction import (
     rising,
     stated_offsets,
 )
+from identification.equation_error.prior import Prior
 from identification.equation_error.regressor import System
 from identification.equation_error.restated import of_log
 from identification.equation_error.torque_equations import SETTINGS as EQUATIONS
@@ -185,11 +193,41 @@ def fit_torque(
         fit = task.fit(selection, stated, thin=thin, extra=task.extra, **report)
         fit = replace(fit, covariance=fit.covariance * np.outer(wider, wider))
         friction = friction_of(task, fit, selection._replace(every=None), by_user)
-        return replace(_judged(task, fit, width), friction=friction)
+        bodies = _beside_bodies(task, fit, selection._replace(every=None))
+        return replace(_judged(task, fit, width), friction=friction, bodies=bodies)
     except NotIdentifiableError as error:
         # Of all names at once: the error knows the first that depends on others.
         advice = _advice(*task.systems(selection), left_out)
         raise NotIdentifiableError(advice, error.name) from error
+
+
+def _beside_bodies(
+    task: TorqueEquations, fit: TorqueFit, selection: Selection
+) -> tuple[float, float]:
+    """Gain of a prior of the chain's own bodies on blocks kept aside: relative, standard errors.
+
+    NaN without bodies, or where there is a prior already.
+    """
+    prior = Prior.of_model(task.dynamics, task.logs[0].rig) if task.prior is None else None
+    if prior is None:
+        return np.nan, np.nan
+    # Only of logs that tell less of some parameter than the bodies do.
+    known = np.diag(fit.covariance_of(task.dynamics.names))
+    if not (known > np.diag(prior.covariance)).any():
+        return np.nan, np.nan
+    names, systems = task.systems(selection, thin=True)
+    weights = np.tile(1 / fit.sigma, (len(task.logs), 1))
+    arguments = systems, task.seconds, 1 / selection.band, weights
+    fits = tried(*arguments), tried(*arguments, prior.rows(names, task.known))
+    losses = [one.losses(one.without) for one in fits if one is not None]
+    # Too few equations to leave blocks out judge nothing.
+    if len(losses) < 2:
+        return np.nan, np.nan
+    # Block by block as a ratio: in one where a joint sticks both errors are large, and would decide
+    # a mean of squares.
+    ratios = np.log(losses[0] / losses[1])
+    better, errors = gain(np.ones(1), ratios)
+    return float(-np.expm1(-better)), errors
 
 
 def _judged(task: TorqueEquations, fit: TorqueFit, width: float) -> TorqueFit:

@@ -69,6 +69,11 @@ class TorqueWarningSettings:
     brakes : float
         Standard deviations by which a free estimate of friction must be negative to be doubted: by
         fewer, what the model lacks may make it so.
+    enough, clear : float
+        Share of the squared error on blocks kept aside, and standard errors, by which bodies of
+        the model must help to be advised: the rule of one standard error (Breiman). On halves of
+        the logs of a UR10, a Panda and a TIAGo, fitted in turn, the error of the torque on the
+        other half fell by 1 to 17 % wherever that was so, and by 1 % where it was not.
     lines : int
         Warnings that are given, the most basic ones: those after them may be their effects.
     """
@@ -78,6 +83,8 @@ class TorqueWarningSettings:
     doubted: float = 5.0
     different: float = 0.2
     brakes: float = 8.0
+    enough: float = 0.05
+    clear: float = 1.0
     lines: int = 3
 
 
@@ -134,6 +141,10 @@ class TorqueFit(Shown, Frozen):
         first; none where no Coulomb friction is unknown. They are reported, not fitted.
     rising : FrictionTrial or None
         Coulomb friction that rises with speed, as fitted, where blocks kept aside ask for it.
+    bodies : (float, float)
+        How much less the squared error on blocks kept aside is beside the chain's own bodies as a
+        prior (``prior=0.3``): share, and standard errors; NaN without such bodies, and where the
+        logs alone tell more of all f.
     causes : tuple of Cause
         Mistakes in columns or gravity that contradict the equation of motion, whatever f is; the
         likeliest first.
@@ -173,6 +184,7 @@ class TorqueFit(Shown, Frozen):
     between: BetweenRuns | None = None
     friction: tuple[FrictionTrial, ...] = ()
     rising: FrictionTrial | None = None
+    bodies: tuple[float, float] = (np.nan, np.nan)
     causes: tuple[Cause, ...] = ()
     doubts: tuple[str, ...] = ()
     free: Mapping[str, float] = field(default_factory=dict)
@@ -309,6 +321,13 @@ class TorqueFit(Shown, Frozen):
                 " side N m), signs and the order of the joints"
             )
         lines += [trial.advice for trial in self.friction[:1] if trial.clear]
+
+        better, errors = self.bodies
+        if better > SETTINGS.enough and errors > SETTINGS.clear:
+            lines.append(
+                f"the logs leave part of f open: beside the model's own bodies blocks kept aside"
+                f" are predicted {better:+.0%} better ({errors:.1f} standard errors); give prior=0.3"
+            )
 
         # 2. Logs that differ in numbers of the arm, which are the same in all of them.
         # A single log has nothing to differ from.

@@ -60,25 +60,30 @@ HEADS = ("log", "metric", "published", "default call", "as advised", "s", "inter
 
 # -- torques -------------------------------------------------------------------------------------
 def advised(log: Log, fit):
-    """The fit again with the friction that it names as clearly better; None where it names none."""
-    better = None
+    """The fit again with what its warnings advise: friction of another kind, bodies of the model.
+
+    None where they advise nothing of either.
+    """
+    better, stated, prior = None, {}, None
     # A second kind may show once the first is there; more are no advice that one follows.
-    for _ in range(2):
-        if not fit.friction or not fit.friction[0].clear:
+    for _ in range(3):
+        if any("prior=" in line for line in fit.warnings) and prior is None:
+            prior = 0.3
+        elif fit.friction and fit.friction[0].advice in fit.warnings:
+            try:
+                stated = {"drive": fit.friction[0].drive(fit.rig.drive)}
+            except ValueError:
+                # A second Stribeck speed cannot be stated.
+                break
+        else:
             break
-        try:
-            drive = fit.friction[0].drive(fit.rig.drive)
-        except ValueError:
-            # A kind that no drive has cannot be stated.
-            break
+        records = [
+            dataclasses.replace(r, rig=dataclasses.replace(r.rig, **stated)) for r in log.fitted
+        ]
+        # What a stated drive leaves open is named; else the fit finds it again.
+        names = fit.names[: len(fit.names) - len(log.extra)] if stated else None
         fit = better = fit_torque(
-            log.dynamics,
-            [
-                dataclasses.replace(r, rig=dataclasses.replace(r.rig, drive=drive))
-                for r in log.fitted
-            ],
-            unknown=fit.names[: len(fit.names) - len(log.extra)],
-            extra=log.extra,
+            log.dynamics, records, unknown=names, extra=log.extra, prior=prior
         )
     return better
 
