@@ -202,6 +202,8 @@ def run_so101(seconds):
         ("goals at P = 8, assist 0.7", Float(arm, goals, settings=KNOWN), gain, 1.0, 1.0),
         ("duties, assist 0.7, 5 % heavier", Float(arm, rig, settings=KNOWN), None, 1.05, 1.0),
         ("goals, assist 0.7, 5 % heavier", Float(arm, goals, settings=KNOWN), gain, 1.05, 1.0),
+        # What a bare arm may have at most.
+        ("duties, assist 0.18, 5 % heavier", Float(arm, rig, assist=0.18), None, 1.05, 1.0),
         ("duties, assist 0.7, friction x 0.7", Float(arm, rig, settings=KNOWN), None, 1.0, 0.7),
         ("goals, assist 0.7, friction x 0.7", Float(arm, goals, settings=KNOWN), gain, 1.0, 0.7),
     ]
