@@ -266,7 +266,8 @@ class Detection(Shown, Frozen):
             yield {
                 "size": hypothesis.convert(value),
                 "distance": abs(value),
-                "late": "late" if value > 0 else "early",
+                # Of a loop faster than the log the torque acts before its next row.
+                "late": "late" if value > 0 else "early (a torque sampled from a faster loop is)",
                 "unit": hypothesis.unit,
                 "joint": self._joint(name) if "[" in name else "",
                 "kind": kind,

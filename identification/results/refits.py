@@ -58,7 +58,7 @@ class RefitSettings:
     missing: float = 0.01
     trials: int = 3
     delay: float = 1.0
-    shifts: int = 2
+    shifts: int = 3
 
 
 SETTINGS = RefitSettings()
@@ -215,6 +215,7 @@ def in_time(hypothesis: ArmHypothesis, point: Point, sign: Sign) -> Refit | None
     delay = 0.0
     optimum = at
     estimate = sign
+    start: Optimum | None = at
     # Each estimate is beside the counts that are corrected so far.
     for _ in range(SETTINGS.shifts):
         delay += estimate.values[hypothesis.name]
@@ -222,7 +223,10 @@ def in_time(hypothesis: ArmHypothesis, point: Point, sign: Sign) -> Refit | None
             return None
         try:
             model = at.model.late(-delay)
-            optimum = fitted(model, optimum.values, point.step, point.bounds, at)
+            # Late counts have moved the unknowns: after the first shift the sensitivities of the
+            # optimum before it would leave the rest of the delay in them.
+            optimum = fitted(model, optimum.values, point.step, point.bounds, start)
+            start = None if start is at else optimum
         except ValueError:  # the model diverges beside these counts
             return None
         effect = effect_of_delay(optimum)

@@ -41,6 +41,9 @@ class StepwiseSettings:
     promising : float
         Share of what the best first estimate explains from which on a cause is fitted: fits take
         time.
+    contending : float
+        Share of the log odds of the likeliest cause from which on another one may overtake it once
+        both fits have converged.
     step : float
         Step of the central differences of an unknown, in its standard deviations.
     minor : float
@@ -51,6 +54,7 @@ class StepwiseSettings:
     faint: float = 0.02
     fine_steps: int = 16
     promising: float = 0.2
+    contending: float = 0.5
     step: float = 0.05
     minor: float = 0.3
 
@@ -115,7 +119,7 @@ def tested(point: Point) -> list[Sign]:
     return signs
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class _Accepted:
     """A cause beside those of a point, with the model, values and steps of its fit."""
 
@@ -142,6 +146,27 @@ class _Accepted:
         """The same for the selection."""
         hypothesis: Any = BY_NAME[self.sign.name]
         return Candidate(hypothesis, (), 0.0, self.sign.log_odds, self)
+
+
+def _settled(trials: list[_Accepted]) -> list[_Accepted]:
+    """The same causes, fitted with sensitivities of their own and compared in one unit.
+
+    Trial fits take those of the optimum before, which leaves them apart by more than causes differ
+    that explain nearly the same: counts that are late, and another friction.
+    """
+    fits = [trial.fit for trial in trials if trial.fit is not None]
+    optima = [
+        fitted(model, values, step, trial.point.bounds)
+        for trial, (model, values, step) in zip(trials, fits, strict=True)
+    ]
+    closest = min(optima, key=lambda optimum: optimum.squares)
+    unit = closest.evidence_unit(closest.innovations)
+    settled = []
+    for trial, optimum, (_, _, step) in zip(trials, optima, fits, strict=True):
+        sign = compared(BY_NAME[trial.sign.name], trial.point, trial.sign, optimum, step).sign
+        sign = replace(sign, chi_square=sign.explained / unit)
+        settled.append(replace(trial, sign=sign, fit=(optimum.model, optimum.values, step)))
+    return settled
 
 
 class _Search:
@@ -281,7 +306,16 @@ class _Search:
         )
 
     def _candidates(self, point, signs):
-        """The causes that may be beside those of a point, fitted."""
+        """The causes that may be beside those of a point; the likeliest ones with settled fits."""
+        trials = [*self._fitted(point, signs)]
+        limit = SETTINGS.contending * max((trial.sign.log_odds for trial in trials), default=0.0)
+        close = [trial for trial in trials if trial.fit and trial.sign.log_odds > limit > 0]
+        if len(close) > 1:
+            trials = [trial for trial in trials if trial not in close] + _settled(close)
+        return [trial.candidate for trial in trials]
+
+    def _fitted(self, point, signs):
+        """Trial fits of these causes beside those of a point."""
         # Of a cause that no model has, nothing can be undone.
         if point.causes and BY_NAME[point.causes[-1].name].refit is None:
             return
@@ -290,14 +324,14 @@ class _Search:
         for sign in signs:
             hypothesis = BY_NAME[sign.name]
             if hypothesis.refit is None:
-                yield _Accepted(self, point, sign).candidate
+                yield _Accepted(self, point, sign)
             # A delay that another test suggests has infinite odds: it is always tried.
             elif sign.explained > SETTINGS.promising * largest or np.isinf(sign.chi_square):
                 refit = hypothesis.refit(hypothesis, point, sign)
                 if refit is not None:
                     # Without its sensitivities, which would fill the memory.
                     fit = refit.at.model, refit.at.values, refit.step
-                    yield _Accepted(self, point, refit.sign, fit).candidate
+                    yield _Accepted(self, point, refit.sign, fit)
 
     def _tolerated(self, values):
         """Whether all values are small against their tolerances, which the intervals count."""
