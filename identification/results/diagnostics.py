@@ -24,6 +24,7 @@ from identification.equation_error.stated_law import torque_apart
 from identification.replay.objective import Objective
 from identification.replay.timing import delay_of, is_late
 from identification.results.detection import Detection
+from identification.results.stepwise import SETTINGS as FINE
 from identification.results.stepwise import detect
 from identification.results.with_arm import OF_RECORDS
 from identification.search.memory import placed, repeating
@@ -161,6 +162,17 @@ class Diagnostics(Shown, Frozen):
             costs.append(_cost(fit, held_out))
         runs = _runs(problem, fit, objectives, costs)
         doubted = _doubted(runs, objectives) and not any(problem.replays)
+        if doubted and problem.options.get("steps_per_sample", 4) < FINE.fine_steps:
+            # Coarse steps alone leave some pulses of a fine encoder: no fault of the log.
+            finer = problem.options | {"steps_per_sample": FINE.fine_steps}
+            again = [
+                Objective(problem.dynamics, objective.records, objective.unknown, **finer)
+                for objective in objectives
+            ]
+            fine_costs = [_cost(fit, objective) for objective in again]
+            fine = _runs(replace(problem, options=finer), fit, again, fine_costs)
+            doubted = _doubted(fine, again)
+            runs = runs if doubted else fine
         if doubted and problem.method not in ROUGH:
             # Effects that the rig lacks may bias the values: let the runs differ by them too.
             widened = detection.widened(fit)

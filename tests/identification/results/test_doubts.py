@@ -241,3 +241,17 @@ def test_a_record_under_another_law_than_the_first_is_run_under_its_own():
         unknown=arm.dynamics.names, parts=lambda values: (arm.dynamics.arm(values), RIG, LAW)
     )
     np.testing.assert_array_equal(_run(problem, arm.f, record).error_pulses, record.error_pulses)
+
+
+def test_coarse_steps_accuse_no_log_of_fine_encoders():
+    """Of a quarter of a million counts per turn the steps of the simulation leave a pulse."""
+    finer = 256
+    encoder = dataclasses.replace(RIG.encoder, resolution=finer * RIG.encoder.resolution)
+    rig = dataclasses.replace(RIG, encoder=encoder)
+    law = P(gain=LAW.gain / finer)
+    arm = puma560.literature_arm(1.5)
+    record = simulate(arm, rig, law, PATH, duration=2.0, steps_per_sample=64)
+    record = dataclasses.replace(record, true_q=None, true_qd=None)
+    found = identify(puma560.dynamics(), record, method="prediction_error", progress=False)
+    assert found.warnings == []
+    assert found.diagnostics.difference < 0.6
