@@ -118,7 +118,7 @@ def with_weak_directions(
                 # Where the arm leaves the log the differences of single unknowns stay.
                 if not np.isfinite(slope).all():
                     continue
-                # Only this direction changes: the slopes of all others stay to the bit.
+                # Only the part along this direction changes.
                 change = slope - scaled @ axis
                 scaled += np.outer(change, axis)
                 settled &= norm(change[readings]) < SETTINGS.agreement * SETTINGS.determined

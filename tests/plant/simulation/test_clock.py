@@ -79,8 +79,11 @@ def test_stamps_that_have_nothing_to_do_with_the_period_are_refused():
 
 
 @pytest.mark.parametrize("period", [None, 2e-3])
-def test_tables_in_blocks_are_those_of_the_whole(period):
-    """Each block begins with a step of the law; chosen columns are those of the whole table."""
+def test_tables_in_blocks_are_those_of_the_whole(period, monkeypatch):
+    """Each block begins with a step of the law; chosen columns are those of the whole table.
+
+    A long log's whole is put together of blocks.
+    """
     rig = puma560.rig()
     law = P(gain=(0.1, 0.1)) if period is None else PID(**GAINS, period=3 * rig.period)
     loop = ClosedLoop(dynamics=puma560.dynamics(), rig=rig, law=law, steps_per_sample=4)
@@ -94,3 +97,6 @@ def test_tables_in_blocks_are_those_of_the_whole(period):
     some = time_tables(loop, path, clock, columns=[[0], [1, 2], [6]])
     np.testing.assert_array_equal(some[1], whole[1][:, [1, 2, -1]])
     np.testing.assert_array_equal(some[2], whole[2][:, [6, -1]])
+    monkeypatch.setattr("plant.simulation.time_tables._ROWS", 4 * 17)
+    for joined, table in zip(time_tables(loop, path, clock), whole, strict=True):
+        np.testing.assert_array_equal(joined, table)
