@@ -11,6 +11,7 @@ from packaged_arms import puma560 as whole_puma560
 from random_arms import random_body, random_chain
 
 from plant import Body, Dynamics, puma560
+from plant.mechanics.body import prior_factor, pseudo_inertia
 from plant.mechanics.lumping import LOAD
 
 
@@ -46,6 +47,16 @@ def test_there_and_back():
     np.testing.assert_allclose(back.com, body.com, rtol=1e-12)
     np.testing.assert_allclose(back.inertia, body.inertia, rtol=1e-9, atol=1e-12)
     assert Body.from_standard_parameters(np.zeros(10)).mass == 0
+
+
+def test_the_prior_of_a_solid_body_is_the_body():
+    """Nothing of it is widened, and no mass is added; a point mass keeps mass and moments."""
+    solid = random_body(np.random.default_rng(3)).standard_parameters
+    factor = prior_factor(solid)
+    np.testing.assert_allclose(factor @ factor.T, pseudo_inertia(solid), rtol=1e-12, atol=1e-14)
+    point = Body(mass=2.0, com=(0.1, -0.2, 0.3)).standard_parameters
+    factor = prior_factor(point)
+    np.testing.assert_allclose((factor @ factor.T)[3], pseudo_inertia(point)[3], rtol=1e-12)
 
 
 def test_what_cannot_be():

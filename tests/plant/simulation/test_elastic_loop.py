@@ -495,7 +495,10 @@ def test_the_evaluation_has_columns_of_their_own_for_motor_and_link():
     peak = np.abs(report.link_error).max(axis=0)
     assert (peak > 0.5 * weight).all()
     assert (peak < 3 * weight + 1e-3).all()
-    assert "link error, peak [mrad]" in str(report)
+    rows = {line.split("]")[0]: line.split()[-2:] for line in str(report).splitlines()}
+    rms = np.sqrt(np.mean((1e3 * report.link_error) ** 2, axis=0))
+    assert rows["link error, peak [mrad"] == [f"{1e3 * value:.3f}" for value in peak]
+    assert rows["link error, RMS [mrad"] == [f"{value:.3f}" for value in rms]
     rigid = evaluate(arm, rig, law, path, duration=0.2, backend="numba")
     assert "link error" not in str(rigid)
     pulse = 2 * np.pi / np.abs(rig.drive.gear * rig.encoder.resolution)
