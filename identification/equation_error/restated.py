@@ -192,7 +192,21 @@ class TorqueEquation:
             resting = Motion(motion.q, 0 * motion.q, 0 * motion.q)
             still = regressor_along(self.dynamics, self.rig, names, resting)[0]
             Y = Y + (self.gravity - 1) * still
-        return np.concatenate([Y, *self._friction], axis=2)
+        return self._with_joints(Y)
+
+    def _with_joints(self, Y: Floats) -> Floats:
+        """The regressor (R, n, k) of f with columns of the joints: springs, then friction."""
+        motion = Motion(*(signal[self.rows] for signal in self.motion))
+        # Stiffness and rest of a stated spring are seldom exact: an arm is not accused of them.
+        sprung = np.eye(self.dynamics.n)[np.any(self._springs != 0, axis=0)].T
+        springs = [sprung * term[:, :, None] for term in (motion.q, np.ones_like(motion.q))]
+        return np.concatenate([Y, *springs, *self._friction], axis=2)
+
+    @property
+    def _springs(self) -> Floats:
+        """Torque (R, n) of the stated springs, which the motors need not give."""
+        q = self.motion.q[self.rows]
+        return np.zeros_like(q) + self.rig.spring_torque(q)
 
     @functools.cached_property
     def needed(self) -> Floats | None:
@@ -229,7 +243,7 @@ class TorqueEquation:
             turned += np.sinc(angle / np.pi) * np.cross(tilt @ axes, gravity)
             shares = np.linalg.solve(gravities.T, turned)
             Y = weightless + np.einsum("g,grnk->rnk", shares, weights)
-            return np.concatenate([Y, *self._friction], axis=2)
+            return self._with_joints(Y)
 
         tilt = np.zeros(2)
         for step in np.deg2rad(SETTINGS.tilts):
@@ -274,7 +288,7 @@ class TorqueEquation:
         """
         # Static friction carries any torque of a joint that rests.
         moving = np.abs(self.dry[self.rows]) > SETTINGS.moving
-        torque = self.torque[self.rows] * moving
+        torque = (self.torque[self.rows] + self._springs) * moving
         unit = self.unit
         if unit is None:
             unit = np.sqrt(np.mean(torque**2, axis=0))

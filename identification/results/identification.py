@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from identification.equation_error.law_memory import along_log
 from identification.equation_error.naming import short_names
 from identification.equation_error.restated import restated
 from identification.equation_error.torque_error import TorqueError, torque_error
@@ -19,8 +20,10 @@ from identification.results.diagnostics import Diagnostics
 from identification.results.plots import plot_identification
 from identification.results.summary import doubts, summary_of
 from identification.results.trust import warnings_of
+from identification.search.memory import as_repeated
 from identification.search.outcome import Fit, Search
-from plant import Arm, Law, Record, Reference, Rig
+from plant import Arm, Law, Record, Reference, Resumed, Rig
+from plant.checkup.counts import hardly_moving
 from plant.checkup.hypothesis import Cause
 from plant.parts import Floats, Frozen, Piece, Saved, Shown, frozen, kept
 from plant.parts.saved import fingerprint
@@ -224,6 +227,31 @@ class Identification(Shown, Saved, Frozen):
         The arm is taken on rigid gears.
         """
         return torque_error(self.arm, self.rig, q, torque, rig, band, least_speed=least_speed)
+
+    @functools.cached_property
+    def explained(self) -> Floats:
+        """Share (n,) of the torque of each joint that the values explain, in the records [%].
+
+        100 % less the length of the error over that of the torque, as `error_on` has them. The
+        torque is the logged one, or else the law's along the log. NaN of a joint that hardly moves,
+        whose friction holds any torque, and where the torque is not known.
+        """
+        records = as_repeated(self.records, self.fit.resumptions)
+        moving = ~np.all([hardly_moving(record) for record in records], axis=0)
+        try:
+            error = self.error_on([along_log(self._with_law(record)) for record in records])
+        except ValueError:  # the torque is not known, or the log is too short to filter it
+            return np.full(self.arm.n, np.nan)
+        return np.where(moving, 100 * (1 - error.relative), np.nan)
+
+    def _with_law(self, record: Record) -> Record:
+        """A record under the identified law and rig, whose state in it stays."""
+        law = record.law
+        if isinstance(law, Resumed):
+            law = dataclasses.replace(law, law=self.law)
+        elif not law.replays:
+            law = self.law
+        return dataclasses.replace(record, rig=self.rig, law=law)
 
     def assumed(self, *, lengths: bool = True) -> Assumed:
         """Change of each value by 1 % of each assumed number, which one log cannot reveal.

@@ -131,6 +131,7 @@ def summary_of(result: Any, full: bool) -> Iterator[Piece]:
             yield "what differs between runs is not in the intervals"
 
     # 3. Tests, and assumptions that no test can reveal.
+    yield from _explained(result)
     yield from inside(result.diagnostics)
     if drift := drifting(result):
         yield drift
@@ -230,6 +231,18 @@ def _noise_of_torque(result: Any) -> Iterator[Piece]:
         f"noise of the logged torque: {sizes} [N m of the motor, rms]; it adds"
         f" {fit.noise_innovation:.2g} pulses to the innovations"
     )
+
+
+def _explained(result: Any) -> Iterator[Piece]:
+    """How much of the torque of each joint the values explain."""
+    labels = result.arm.dynamics.chain.joint_labels
+    shares = [
+        f"{min(share, 99.99):.4g} % at {label}"
+        for share, label in zip(result.explained, labels, strict=True)
+        if np.isfinite(share)
+    ]
+    if shares:
+        yield f"fit of the torque: {', '.join(shares)}"
 
 
 def _in_columns(cells: Sequence[tuple[str, ...]], columns: int) -> Table:

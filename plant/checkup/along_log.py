@@ -3,13 +3,14 @@
 Its memory before the log is unknown, so steps are compared, in which an integral cancels.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from plant.checkup.signals import Signals
 from plant.laws.law import block_of
+from plant.laws.replayed import commanded_torque
 from plant.laws.resumed import FAST, Resumed
 from plant.motion.smooth_splines import smooth_splines
 from plant.parts.fields import Floats
@@ -36,46 +37,59 @@ SETTINGS = AlongLogSettings()
 
 def steps_of_torque(signals: Signals) -> tuple[Floats, Floats] | None:
     """Steps (M, n) of commanded and of logged motor torque; None where they cannot be compared."""
-    law = _law_along_log(signals)
+    # The logged torque is the yardstick.
+    if signals.torque is None:
+        return None
+    commanded = torque_along(signals, signals.record.law, signals.rig)
+    if commanded is None:
+        return None
+    # A law that starts with the log has the right memory, and any other forgets the wrong one.
+    clear = signals.clear[: len(commanded)].copy()
+    clear[: signals.window] = False
+    clear[-signals.window :] = False
+    t = sample_times(signals, len(commanded))
+    rig, record = signals.rig, signals.record
+    injected = 0.0 if record.injected is None else at_times(t, record.t, record.injected)
+    logged = rig.drive.joint_torque(at_times(t, signals.t, signals.torque))
+    # The amplifier limits what the law commands, so compare limited torques.
+    steps, measured = (
+        np.diff(rig.drive.motor_torque(rig.drive.limited(joint)), axis=0)[clear[1:]]
+        for joint in (commanded + injected, logged)
+    )
+    return np.nan_to_num(steps, nan=0.0, posinf=0.0, neginf=0.0), measured
+
+
+def torque_along(signals: Signals, stated: Any, rig: Any) -> Floats | None:
+    """Joint torque (K, n) of a law that reads the log's counts, in its first samples.
+
+    It is limited by the amplifiers of `rig`. None where the law, or the log, does not allow it.
+    """
+    law = _law_along_log(signals, stated, rig)
     if law is None:
         return None
     record = signals.record
-    rig = signals.rig
-    # 1. The beginning of the log: a law that starts there has the right memory, and any other
-    # forgets the wrong one.
-    clear = signals.clear[: SETTINGS.samples].copy()
-    clear[: signals.window] = False
-    clear[-signals.window :] = False
-    t = signals.t[0] + signals.interval * np.arange(len(clear))
-
-    # 2. The law's own times: fast hardware has no period, and is run some steps per sample.
+    t = sample_times(signals, len(signals.clear[: SETTINGS.samples]))
+    if not stated.has_memory(signals.n):
+        return at_times(t, record.t, commanded_torque(replace(record, law=stated, rig=rig)))
+    # 1. The law's own times: fast hardware has no period, and is run some steps per sample.
     period = law.period or signals.interval / FAST
     times = np.arange(t[0], t[-1] + period / 2, period)
-    counts = _at_times(times, record.t, law.replayed(record))
-    reference = _at_times(times, signals.t, signals.reference)
+    counts = at_times(times, record.t, law.replayed(record))
+    reference = at_times(times, signals.t, signals.reference)
     columns = *_reference_motion(signals, law, times, t), reference, counts
     ((torque, _),) = law.steps(rig, columns, period, [law.state])
-
-    # 3. Each sample has the torque of the last step of the law up to it.
-    step = np.floor((t - t[0]) / period + 1e-6).astype(int)
-    injected = 0.0 if record.injected is None else _at_times(t, record.t, record.injected)
-    logged = rig.drive.joint_torque(_at_times(t, signals.t, signals.torque))
-    # The amplifier limits what the law commands, so compare limited torques.
-    commanded, measured = (
-        np.diff(rig.drive.motor_torque(rig.drive.limited(joint)), axis=0)[clear[1:]]
-        for joint in (torque[step] + injected, logged)
-    )
-    return np.nan_to_num(commanded, nan=0.0, posinf=0.0, neginf=0.0), measured
+    # 2. Each sample has the torque of the last step of the law up to it.
+    return torque[np.floor((t - t[0]) / period + 1e-6).astype(int)]
 
 
-def _law_along_log(signals: Signals) -> Any:
+def sample_times(signals: Signals, samples: int) -> Floats:
+    """Evenly spaced times (K,) of the first samples of a log [s]."""
+    return signals.t[0] + signals.interval * np.arange(samples)
+
+
+def _law_along_log(signals: Signals, law: Any, rig: Any) -> Any:
     """The law that reads the counts of the log; None where its torque cannot be compared."""
-    law = signals.record.law
-    rig = signals.rig
-    if law is None or law.replays or not law.has_memory(signals.n) or signals.reference is None:
-        return None
-    # The logged torque is the yardstick.
-    if signals.torque is None or not signals.long_enough:
+    if law is None or law.replays or signals.reference is None or not signals.long_enough:
         return None
     # A slower law would need the rows between those of the log.
     slower = (law.period or 0.0) > SETTINGS.period * signals.interval
@@ -111,5 +125,6 @@ def _reference_motion(signals, law, times, t):
     ]
 
 
-def _at_times(times, t, columns):
+def at_times(times: Floats, t: Floats, columns: Floats) -> Floats:
+    """Columns (N, n) at `t`, on straight lines at other times: (K, n)."""
     return np.column_stack([np.interp(times, t, column) for column in columns.T])

@@ -260,17 +260,21 @@ def lag(experiment: Experiment, i: int, *, friction: bool = False) -> tuple[floa
 
 def gains_evidence(experiment: Experiment, joints: Joints) -> Any:
     """Log odds of gains in A where no torque is logged: friction is as stated with the others."""
-    delay = experiment.once("delay", delays)
-    if delay is None or not hasattr(experiment.record.law, "gain"):
+    if experiment.once("delay", delays) is None or not hasattr(experiment.record.law, "gain"):
         return None
-    changed = experiment.changed(gains_in_ampere(experiment.record, joints, 1.0))
-    after = delays(changed)
+    return ((1.0, by_friction(experiment, gains_in_ampere(experiment.record, joints, 1.0))),)
+
+
+def by_friction(experiment: Experiment, record: Any) -> float:
+    """How much likelier a log is with other gains, by its score and by its viscous friction."""
+    changed = experiment.changed(record)
+    before, after = experiment.once("delay", delays), delays(changed)
     gain = changed.score - experiment.score
     # Viscous friction alone is a parameter; gains change inertia and Coulomb friction, too.
-    if after is not None and gain > 0:
-        friction = (each.by_speed / each.speed_std for each in (delay, after))
+    if before is not None and after is not None and gain > 0:
+        friction = (each.by_speed / each.speed_std for each in (before, after))
         gain += float(np.subtract(*(np.nansum(ratio**2) / 2 for ratio in friction)))
-    return ((1.0, gain),)
+    return gain
 
 
 def _differences(experiment):

@@ -31,6 +31,7 @@ from plant.checkup.evidence import (
     used_limits,
     viscous_evidence,
 )
+from plant.checkup.gain_units import GAINS, other_gains, unit_evidence
 from plant.checkup.hypothesis import Hypothesis, Joints, each_joint, pairs
 from plant.checkup.undo import (
     as_commanded,
@@ -302,6 +303,27 @@ def _statements() -> Iterator[Hypothesis[Any]]:
     )
 
 
+def _gain_units() -> Iterator[Hypothesis[Any]]:
+    """Yield the rows: a gain of the law, or all alike, in another unit."""
+    for gain, (units, own) in GAINS.items():
+        for unit in units:
+            for scope in (each_joint, several):
+                yield Hypothesis(
+                    name=f"unit of {gain}",
+                    check="units of gains",
+                    sentence=(
+                        f"The law's {gain} is {{value:.3g}} times what the log shows, the factor"
+                        f" between {unit.between}"
+                    ),
+                    remedy=f"State it in {own}.",
+                    undo=other_gains(gain),
+                    measurement=_BLOCKED,
+                    scope=scope,
+                    evidence=unit_evidence(gain, unit),
+                    against=8.0,
+                )
+
+
 def _sizes() -> Iterator[Hypothesis[Any]]:
     """Yield the rows: scales and delays, of one joint or of all alike."""
     for scope in (each_joint, several):
@@ -421,6 +443,7 @@ TABLE: tuple[Hypothesis[Any], ...] = (
     *_units(),
     *_units_of_one(),
     *_statements(),
+    *_gain_units(),
     *_sizes(),
     *_stated(),
 )

@@ -42,8 +42,8 @@ class Case(NamedTuple):
     about: str
 
 
-def drawn(seed):
-    """The case of this seed."""
+def drawn(seed, *, torque=None):
+    """The case of this seed; `torque` decides whether its log has one, by default chance."""
     random = np.random.default_rng([60, seed])
     chain = _chain(random)
     kind = KINDS[random.integers(len(KINDS))]
@@ -60,8 +60,9 @@ def drawn(seed):
     begin = float(random.choice([0.0, 0.0, 0.83, 1.7]))
     record = log_of(chain, rig, springs, law, path, begin + float(random.choice([2.5, 4.0])))
     if not np.isfinite(record.error_pulses).all() or _swings(record):
-        return drawn(seed + 1_000_000)
+        return drawn(seed + 1_000_000, torque=torque)
     logged = bool(random.random() < 0.3)
+    logged = logged if torque is None else torque
     known = bool(random.random() < 0.7)
     record = record.cut(begin) if begin else record
     if not logged:

@@ -7,6 +7,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+from random_rigs import drawn
 
 from identification.equation_error.regressor import regressor_along
 from identification.equation_error.restated import TorqueEquation, contradictions, restated
@@ -298,3 +299,14 @@ def test_a_place_in_millimetres_is_refused():
         ValueError, match=r"before.position of link 3 .* got 425. Divide by 1000 what is in mm"
     ):
         Link(name="3", before=Placement(position=(-425.0, 0.0, 0.0)))
+
+
+def test_a_spring_that_the_rig_states_tilts_no_base():
+    """Its torque is none of gravity's, and its stiffness is seldom exact."""
+    case = drawn(63, torque=True)
+    springs = case.record.rig.springs
+    assert springs.stiffness > 0
+    for factor in (1.0, 0.8):
+        stated = dataclasses.replace(springs, stiffness=factor * springs.stiffness)
+        rig = dataclasses.replace(case.record.rig, springs=stated)
+        assert not restated(case.dynamics, dataclasses.replace(case.record, rig=rig))

@@ -1,0 +1,285 @@
+"""Gains of a law in another unit: what the law would have commanded along the log says so.
+
+A law is linear in each of its gains. It is run along the counts of the log as stated, and once more
+with each gain doubled: the differences are the parts that a factor of the gain multiplies.
+
+With a logged torque, both are compared, smoothed. Without one, the stated law's torque has to drive the motion with an inertia and with friction that a motor can have; the score
+says how much likelier it does so with the gain in another unit.
+"""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from plant.checkup.along_log import at_times, sample_times, torque_along
+from plant.checkup.evidence import by_friction
+from plant.checkup.hypothesis import Joints
+from plant.checkup.score import SETTINGS as SCORE
+from plant.checkup.score import Experiment
+from plant.laws.pid import PD, Cascade, P
+from plant.parts.fields import Floats
+
+
+@dataclass(frozen=True, kw_only=True)
+class GainUnitSettings:
+    """When a gain may be in another unit; chosen by hand.
+
+    ``tests/benchmarks/gain_units.py`` counts the gains that are named, and right logs accused.
+
+    Parameters
+    ----------
+    least : float
+        Factor, or its inverse, from which on a gain is in another unit, and no other gain.
+    unexplained, unmoved : float
+        Shares of the torque of the stated law that the logged torque, or the motion, leaves
+        unexplained, below which the gains are not examined.
+    inertia : float
+        Inertia at the motor [rotor inertias] up to which they are not.
+    """
+
+    least: float = 50.0
+    unexplained: float = 0.05
+    unmoved: float = 2e-3
+    inertia: float = 60.0
+
+
+SETTINGS = GainUnitSettings()
+
+
+class Unit(NamedTuple):
+    """Two units that are taken for each other: their names, and their ratio (n,) on a rig."""
+
+    between: str
+    ratio: Callable[[Any], Any]
+
+
+_ANGLES = (
+    Unit("radians and degrees", lambda rig: 180 / np.pi),
+    Unit(
+        "pulses and radians of the motor",
+        lambda rig: rig.encoder.resolution / (2 * np.pi),
+    ),
+    Unit(
+        "pulses and radians of the joint",
+        lambda rig: np.abs(rig.drive.gear) * rig.encoder.resolution / (2 * np.pi),
+    ),
+    Unit("motor and joint", lambda rig: np.abs(rig.drive.gear)),
+    Unit("1 and per cent", lambda rig: 100.0),
+)
+_TIMES = (
+    Unit("seconds and milliseconds", lambda rig: 1e3),
+    Unit("seconds and minutes", lambda rig: 60.0),
+    Unit("seconds and microseconds", lambda rig: 1e6),
+)
+_TORQUES = (Unit("N m and mN m", lambda rig: 1e3),)
+
+GAINS: dict[str, tuple[tuple[Unit, ...], str]] = {
+    "gain": (_ANGLES + _TORQUES, "N m/pulse of the motor"),
+    "derivative": (_ANGLES + _TIMES, "N m s/pulse of the motor"),
+    "integral": (_ANGLES + _TIMES, "N m/(pulse s) of the motor, of a cascade in N m/pulse"),
+    "position": (_ANGLES[-1:] + _TIMES, "1/s"),
+    "speed": (_ANGLES + _TIMES, "N m s/pulse of the motor"),
+    "gains": (_ANGLES + _TORQUES, "N m of the motor and pulses"),
+}
+"""Gains of laws, the units that are mistaken for theirs, and their own."""
+
+
+def _names(law: Any, gain: str) -> tuple[str, ...]:
+    """Fields of a law that a gain of this name stands for; none of other laws.
+
+    The gain of the error stands for all of them where a unit of torque, or of angle, is wrong:
+    "gains".
+    """
+    if not isinstance(law, (P, PD, Cascade)):
+        return ()
+    names = tuple(name for name in GAINS if hasattr(law, name))
+    if gain != "gains":
+        return (gain,) if gain in names else ()
+    # The position gain of a cascade makes a speed, no torque.
+    together = tuple(name for name in names if name != "position")
+    return together if len(together) > 1 else ()
+
+
+def other_gains(gain: str) -> Callable[..., Any]:
+    """Divide a gain of the law, or all "gains", by a factor."""
+
+    def undo(record, joints, size):
+        names = _names(record.law, gain)
+        if not names:
+            raise ValueError(f"the law must have the gain {gain}; it has none. Name another.")
+        return replace(record, law=_scaled(record.law, names, joints, 1 / size))
+
+    return undo
+
+
+def _scaled(law, names, joints, factor):
+    """The law with these gains multiplied, of these joints, or of all where there are none."""
+
+    def changed(gains):
+        factors = np.ones(len(gains))
+        factors[list(joints) or slice(None)] = factor
+        return factors * gains
+
+    return replace(law, **{name: changed(getattr(law, name)) for name in names})
+
+
+class LawTorque(NamedTuple):
+    """Motor torque of the stated law along the log (K, n), and the part of each gain in it."""
+
+    torque: Floats
+    parts: dict[str, Floats]
+
+
+def _along_log(experiment: Experiment) -> LawTorque | None:
+    """The stated law along the log, without limits, which a wrong gain would reach at once."""
+    law, rig = experiment.record.law, experiment.record.rig
+    names = [gain for gain in GAINS if hasattr(law, gain) and _names(law, gain)]
+    if not names:
+        return None
+    if hasattr(law, "anti_windup"):
+        law = replace(law, anti_windup="none")
+    drive = replace(rig.drive, current_limit=np.full(rig.n, np.inf))
+    rig = replace(rig, drive=drive)
+
+    def torque(law):
+        joint = torque_along(experiment.signals, law, rig)
+        return None if joint is None else drive.motor_torque(joint)
+
+    stated = torque(law)
+    if stated is None:
+        return None
+    parts = {name: torque(_scaled(law, (name,), (), 2.0)) - stated for name in names}
+    return LawTorque(stated, parts)
+
+
+def unit_evidence(gain: str, unit: Unit) -> Callable[..., Iterator[tuple[float, float]]]:
+    """Evidence of a gain in another unit: sizes [times the right gain] with their log odds."""
+
+    def evidence(experiment: Experiment, joints: Joints) -> Iterator[tuple[float, float]]:
+        if not _names(experiment.record.law, gain):
+            return
+        ratios = np.broadcast_to(unit.ratio(experiment.record.rig), experiment.n)
+        ratio = ratios[list(joints) or slice(None)]
+        # Joints that have several ratios, as of their gears, have rows of their own.
+        if np.ptp(ratio) > 1e-9 * ratio[0] or not ratio[0] > SETTINGS.least:
+            return
+        gained = _by_torque if experiment.signals.torque is not None else _by_motion
+        for size in (float(ratio[0]), 1 / float(ratio[0])):
+            yield size, gained(experiment, gain, joints, size)
+
+    return evidence
+
+
+def _without(along, gain, joints, size):
+    """Torque (K, n) of the law without a mistake of this size."""
+    part = along.torque if gain == "gains" else along.parts[gain]
+    change = np.zeros(part.shape[1])
+    change[list(joints) or slice(None)] = 1 / size - 1
+    return along.torque + change * part
+
+
+# -- with a logged torque --------------------------------------------------------------------------
+def _by_torque(experiment: Experiment, gain: str, joints: Joints, size: float) -> float:
+    """How much likelier the logged torque is without a mistake of this size: log odds."""
+    compared = experiment.once("smoothed torques", _smoothed_torques)
+    # The law explains the torque: nothing is in another unit.
+    if compared is None or (_unexplained(compared.logged, compared.law.torque) < SETTINGS.unexplained).all():
+        return -np.inf
+    before, after = (
+        np.log(_unexplained(compared.logged, torque) + SCORE.steps)
+        for torque in (compared.law.torque, _without(compared.law, gain, joints, size))
+    )
+    gained = compared.equations / 2 * float((before - after).sum())
+    if gained > 0:
+        # The torques of samples tell more than the smoothed ones.
+        changed = experiment.changed(other_gains(gain)(experiment.record, joints, size))
+        gained = max(gained, changed.score - experiment.score)
+    return gained
+
+
+class _Compared(NamedTuple):
+    """Logged torque (M, n) and that of the law, smoothed, without means, and their equations."""
+
+    logged: Floats
+    law: LawTorque
+    equations: float
+
+
+def _smoothed_torques(experiment):
+    """What is compared of logged and stated torques; None where the law allows it not.
+
+    An integral begins at an unknown value, and fast hardware answers each count between samples.
+    """
+    along = experiment.once("law along log", _along_log)
+    if along is None:
+        return None
+    signals = experiment.signals
+    kernel = np.hanning(signals.window + 2)[1:-1]
+
+    def smoothed(table):
+        # A filter of the law begins at rest: its first samples are another motion's.
+        columns = np.column_stack(
+            [np.convolve(column, kernel, mode="valid") for column in table[signals.window :].T]
+        )
+        return columns - columns.mean(axis=0)
+
+    times = sample_times(signals, len(along.torque))
+    logged = smoothed(at_times(times, signals.t, np.asarray(signals.torque)))
+    parts = {name: smoothed(part) for name, part in along.parts.items()}
+    law = LawTorque(smoothed(along.torque), parts)
+    return _Compared(logged, law, len(logged) / signals.window)
+
+
+def _unexplained(logged, torque):
+    """Mean square (n,) of the difference of two torques, as a share of both."""
+    size = ((logged**2).mean(axis=0) + (torque**2).mean(axis=0)) / 2
+    return ((logged - torque) ** 2).mean(axis=0) / np.where(size > 0, size, 1.0)
+
+
+# -- without one -----------------------------------------------------------------------------------
+def _with_torque_of_law(experiment: Experiment) -> Experiment | None:
+    """The beginning of the log with the stated law's torque as the logged one; None if plausible.
+
+    Plausible is a torque that the motion explains, with an inertia that a motor can have.
+    """
+    along = experiment.once("law along log", _along_log)
+    if along is None:
+        return None
+    signals = experiment.signals
+    times = sample_times(signals, len(along.torque))
+    # A filter of the law begins at rest: its first samples are another motion's.
+    record = experiment.record.cut(times[signals.window], times[-1])
+    stated = Experiment(_driven(record, experiment, along.torque))
+    if not stated.long_enough or stated.motions is None:
+        return None
+    rotor = np.maximum(record.rig.drive.motor_inertia, np.finfo(float).tiny)
+    plausible = all(
+        motion.unexplained < SETTINGS.unmoved and 0.5 < motion.inertia / own < SETTINGS.inertia
+        for motion, own in zip(stated.motions, rotor, strict=True)
+    )
+    return None if plausible else stated
+
+
+def _driven(record, experiment, torque):
+    """A stretch of the log with this motor torque (K, n) of its beginning as the logged one."""
+    signals = experiment.signals
+    times = sample_times(signals, len(torque))
+    motor = at_times(record.t + times[signals.window], times, torque)
+    joint = record.rig.drive.joint_torque(motor)
+    if record.injected is not None:
+        joint = joint + record.injected
+    return replace(record, law=None, torque=joint, current=None)
+
+
+def _by_motion(experiment: Experiment, gain: str, joints: Joints, size: float) -> float:
+    """How much likelier the motion is with the law's torque without a mistake of this size."""
+    stated = experiment.once("torque of law", _with_torque_of_law)
+    if stated is None:
+        return -np.inf
+    if not experiment.record.law.has_memory(experiment.n):
+        return by_friction(experiment, other_gains(gain)(experiment.record, joints, size))
+    along = experiment.once("law along log", _along_log)
+    driven = _driven(stated.record, experiment, _without(along, gain, joints, size))
+    return stated.changed(driven).score - stated.score

@@ -1,0 +1,50 @@
+"""Gains in another unit are named with the unit, with a logged torque and without one."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from random_rigs import drawn
+
+# Seed 0: a joint under a sampled PD; 1: two under a cascade; 3: a slide under fast P.
+WRONG = [
+    (0, {"gain": 1e3}, False, "N m and mN m"),
+    (0, {"derivative": 1e3}, False, "seconds and milliseconds"),
+    (0, {"derivative": 1e-3}, True, "seconds and milliseconds"),
+    (0, {"gain": 0.01, "derivative": 0.01}, True, "1 and per cent"),
+    (1, {"position": 1 / 60}, False, "seconds and minutes"),
+    (1, {"integral": 1e3}, True, "seconds and milliseconds"),
+    (1, {"speed": np.pi / 180, "integral": np.pi / 180}, False, "radians and degrees"),
+    (3, {"gain": 180 / np.pi}, False, "radians and degrees"),
+    (3, {"gain": 1e-3}, True, "N m and mN m"),
+]
+
+
+@pytest.mark.parametrize(("seed", "factors", "torque", "units"), WRONG)
+def test_a_gain_in_another_unit_is_named(seed, factors, torque, units):
+    record = drawn(seed, torque=torque).record
+    wrong = {name: factor * getattr(record.law, name) for name, factor in factors.items()}
+    law = dataclasses.replace(record.law, **wrong)
+    checkup = dataclasses.replace(record, law=law).check()
+    cause = checkup.causes[0]
+    name, factor = (*factors, "gains")[0 if len(factors) == 1 else -1], min(factors.values())
+    assert cause.name == f"unit of {name}"
+    assert cause.size == pytest.approx(factor)
+    assert units in cause.sentence
+    # The corrected law is the right one.
+    for gain in factors:
+        corrected = getattr(checkup.first_corrected.law, gain)
+        np.testing.assert_allclose(corrected, getattr(record.law, gain), rtol=1e-6)
+
+
+def test_one_joint_of_two_is_named():
+    record = drawn(1, torque=True).record
+    law = dataclasses.replace(record.law, speed=record.law.speed * (1.0, 100.0))
+    cause = dataclasses.replace(record, law=law).check().causes[0]
+    assert (cause.name, cause.joints) == ("unit of speed", (1,))
+
+
+@pytest.mark.parametrize("torque", [False, True])
+@pytest.mark.parametrize("seed", [0, 1, 3, 4, 6])
+def test_right_gains_are_not_accused(seed, torque):
+    assert not drawn(seed, torque=torque).record.check().causes
