@@ -189,6 +189,14 @@ def seeded(problem: Problem) -> Outcome:
         return prediction_error(problem)
     if any(problem.replays):
         return _with_simulation(problem, prediction_error(problem))
+    return with_memory(problem, _searched)
+
+
+def _searched(problem: Problem) -> Outcome:
+    """The stages of `seeded`; of laws in an unknown state, the fit alone."""
+    # Objective (4) begins where the law was, which is a result of the fit.
+    if any(problem.memories):
+        return _followed(problem)
 
     # 1. Equation error; with many unknowns the fit follows at once.
     problem = with_starts(problem)
