@@ -32,12 +32,15 @@ from identification import Identification, fit_torque, identify
 from identification.results.summary import doubts
 from plant import Dynamics
 from plant.checkup.hypothesis import Cause
-from plant.models.new_robot import MISSING, new_robot_file
+from plant.models.new_robot import MISSING, new_dh_file, new_robot_file
 from plant.models.robot_file import FOLDER, read_robot
 from plant.parts.files import write_whole
 from plant.parts.messages import progress_bar
 
 # The table [log] of a robot file, for its owner to complete.
+MOST_JOINTS = 50
+"""Joints of a new robot file; chosen by hand, beyond any arm."""
+
 _COLUMNS = Path(__file__).with_name("columns.toml")
 # Attributes of a finding that the JSON output holds.
 _OF_FINDINGS = ("check", "joint", "value", "unit", "verdict", "advice")
@@ -59,20 +62,24 @@ def run_demo(options: Namespace) -> Answer:
 
 
 def run_robots(options: Namespace) -> Answer:
-    """List the robot files of the package, print one, or begin one from a URDF file."""
+    """List the robot files of the package, print one, or begin one."""
     # 1. What is asked for: a list, a file of the package, or a new one.
     # From the folder itself, so that a new robot file needs no second list.
     names = sorted(path.stem for path in FOLDER.glob("*.toml"))
     new = options.name == "new"
-    if new and options.model is None:
+    if new and (options.model is None) == (options.dh is None):
+        got = "none" if options.model is None else "both"
         raise ValueError(
-            "a new robot file must be of a URDF file; got none. Write: onepulse robots new"
-            " ROBOT.urdf."
+            f"a new robot file must be of a URDF file, or of a number of joints; got {got}. Write:"
+            " onepulse robots new ROBOT.urdf, or: onepulse robots new --dh 6."
         )
-    if not new and (options.model or options.base or options.tip):
+    if not new and (options.model or options.base or options.tip or options.dh):
         raise ValueError(
-            "a model file, --base and --tip go with new: onepulse robots new ROBOT.urdf. Write so."
+            "a model file, --dh, --base and --tip go with new: onepulse robots new ROBOT.urdf."
+            " Write so."
         )
+    if options.dh is not None and not 0 < options.dh <= MOST_JOINTS:
+        raise ValueError(f"--dh must be the number of joints; got {options.dh}. Write --dh 6.")
     if options.name is None:
         # Each file is read: a broken one shows here, not when somebody needs it.
         titles = {name: read_robot(name).name for name in names}
@@ -90,8 +97,10 @@ def run_robots(options: Namespace) -> Answer:
     model = None
     place = None
     if options.output is not None:
-        place = new_place(options.output, options.force, [options.model] if new else ())
-    if new:
+        place = new_place(options.output, options.force, [options.model] if options.model else ())
+    if options.dh is not None:
+        text = new_dh_file(options.dh)
+    elif new:
         text = new_robot_file(options.model, place or Path("robot.toml"), options.base, options.tip)
     else:
         # A copy of the robot file alone would name a model that is not beside it.

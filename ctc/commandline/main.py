@@ -255,10 +255,16 @@ _COMMANDS: dict[str, tuple[str, Any]] = {
         (
             _option(
                 "name",
-                "one of them, or new: of a URDF file, to complete; without a name, a list",
+                "one of them, or new: a file to complete; without a name, a list",
                 nargs="?",
             ),
-            _option("model", "of new", nargs="?", metavar="URDF"),
+            _option("model", "of new: the arm's model", nargs="?", metavar="URDF"),
+            _option(
+                "--dh",
+                "of new: joints of an arm without a model, by Denavit-Hartenberg rows",
+                type=int,
+                metavar="JOINTS",
+            ),
             _option(
                 "--base", "of new: where the arm begins (default: the file's root)", metavar="LINK"
             ),

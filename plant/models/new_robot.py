@@ -1,4 +1,4 @@
-"""A robot file to complete: numbers that a URDF file lacks are marked, not guessed."""
+"""A robot file to complete: numbers that nobody has stated are marked, not guessed."""
 
 import os
 from collections.abc import Mapping
@@ -67,6 +67,73 @@ def new_robot_file(path: str, target: Path, base: str | None, tip: str | None) -
     return "\n".join([head, *toml_lines(tables, comment=comment), ""])
 
 
+_SLIDE = "; of a slide, of the motor in rad per m of the joint, 2 pi over the lead of a screw"
+_DH = {
+    ("rig", "period"): "Time from sample to sample of the log [s].",
+    ("drive", "joints"): "Names of the joints in messages, from the base to the tip.",
+    ("drive", "gear"): f"Turns of the motor per turn of the joint{_SLIDE}. A sign turns the axis.",
+    ("drive", "motor_inertia"): "Inertia of the rotor with all that its shaft carries [kg m^2].",
+    ("drive", "viscous"): "Friction per speed of the motor [N m s/rad]. A guess will do, since"
+    " identify --unknown friction finds it.",
+    ("drive", "coulomb"): "Dry friction of the motor [N m]. A guess will do.",
+    ("drive", "motor_gain"): "Torque of the motor per current [N m/A].",
+    ("drive", "current_limit"): "Largest current of the amplifier [A].",
+    ("encoder", "resolution"): "Counts per turn of the motor.",
+    ("law", "kind"): "The cascade of most drives. plant.P and plant.PID are others.",
+    ("law", "position"): "Kp of the drive [1/s]. 1 mm/min/um is 16.67 1/s.",
+    ("law", "speed"): "Kv of the drive [N m s/rad of the motor] times 2 pi / resolution.",
+    ("law", "integral"): "`speed`, as it stands above, over the reset time Tn [s].",
+    ("law", "difference"): "Samples over which the drive takes its speed. If it has a low-pass,"
+    " write filter = the pole [rad/s].",
+    ("law", "period"): "Time from sample to sample of the drive [s].",
+    ("arm", "table"): 'Denavit-Hartenberg rows after Craig. "standard" is the older convention.',
+    ("arm", "gravity"): "Acceleration in the frame of the base [m/s^2].",
+    ("log", "torque_delay"): "Rows by which torques or currents are exported late, often 1.",
+    ("links", "prismatic"): "Write true for a slide.",
+    ("links", "alpha"): "Angle from the axis before to this one [rad].",
+    ("links", "a"): "Distance from the axis before to this one [m].",
+    ("links", "d"): "Offset along this axis [m]; of a slide, at zero.",
+    ("links", "theta"): "Angle about this axis at zero [rad].",
+}
+"""What a user without a model file fills in: a sentence for each key of the template."""
+
+
+def new_dh_file(n: int) -> str:
+    """Text of a robot file to complete, of n joints that no model file describes."""
+    names = [f"joint {i + 1}" for i in range(n)]
+    drive = ("gear", "motor_inertia", "viscous", "coulomb", "motor_gain", "current_limit")
+    tables = {
+        "name": "my arm",
+        "rig": {"period": MISSING},
+        "drive": {"joints": names} | dict.fromkeys(drive, MISSING),
+        "encoder": {"resolution": MISSING},
+        "law": {
+            "kind": "plant.Cascade",
+            **dict.fromkeys(("position", "speed", "integral"), MISSING),
+            "difference": 1,
+            "period": MISSING,
+        },
+        "log": {"torque_delay": 0},
+        "arm": {
+            "table": "modified",
+            "gravity": [0.0, 0.0, -9.81],
+            "links": [
+                {"name": name, "prismatic": False} | dict.fromkeys(("alpha", "a", "d", "theta"), MISSING)
+                for name in names
+            ],
+        },
+    }
+
+    def comment(path: tuple[str, ...], key: str) -> str:
+        return _DH.get((path[-1], key), "") if path else ""
+
+    head = (
+        f'# Replace each "{MISSING}". In [rig], [drive], [encoder] and [law] write one number for'
+        " all joints, or a list."
+    )
+    return "\n".join([head, *toml_lines(tables, comment=comment), ""])
+
+
 def require_complete(data: Mapping[str, Any]) -> None:
     """Refuse a file in which something is still marked as missing."""
     missing = list(_missing(data))
@@ -81,6 +148,9 @@ def _missing(table, path=""):
     for key, value in table.items():
         if isinstance(value, Mapping):
             yield from _missing(value, f"{path}{key}.")
+        elif isinstance(value, list) and value and isinstance(value[0], Mapping):
+            for i, row in enumerate(value):
+                yield from _missing(row, f"{path}{key}[{i}].")
         # In a list a single number may be missing.
         elif value == MISSING or (isinstance(value, list) and MISSING in value):
             yield f"{path}{key}"

@@ -10,6 +10,7 @@ import subprocess
 import sys
 import types
 import warnings
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -24,6 +25,7 @@ from identification import Identification
 from identification.results.summary import SummarySettings, doubts
 from plant import (
     Body,
+    Cascade,
     Chain,
     Drive,
     Dynamics,
@@ -680,10 +682,41 @@ def test_a_new_robot_file_is_completed_to_the_same_chain(tmp_path, capsys, monke
     assert robot.rig.drive.motor_inertia.tolist() == [1e-4, 1e-4]
 
 
+def test_an_arm_without_a_model_file_begins_with_rows_of_joints(tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    code, out, err = run(capsys, "robots", "new", "--dh", "2", "-o", "arm.toml")
+    assert (code, out, err) == (0, 'wrote arm.toml; replace each "?" in it\n', "")
+    text = Path("arm.toml").read_text()
+    # Each value stands with a sentence.
+    values = [line for line in text.splitlines() if " = " in line and not line.startswith("#")]
+    assert all(line.endswith(".") or "name = " in line for line in values)
+    code, out, err = run(capsys, "check", "log.csv", "--robot", "arm.toml")
+    assert (code, err.count("\n")) == (2, 1)
+    assert "law.integral" in err
+    assert "arm.links[0].alpha, arm.links[0].a" in err
+    # A joint that turns, and a slide whose axis is that of the joint.
+    text = text.replace('a = "?"', "a = 0.3").replace('theta = "?"', "theta = 0.0")
+    text = text.replace('alpha = "?"', "alpha = 0.0").replace('d = "?"', "d = 0.1")
+    text = text.replace('gear = "?"', "gear = [80.0, 314.159]").replace('"?"', "0.1")
+    head, slide = text.rsplit("prismatic = false", 1)
+    Path("arm.toml").write_text(f"{head}prismatic = true{slide}")
+    robot = read_robot("arm.toml")
+    expected = [
+        Link(name="joint 1", a=0.3, d=0.1),
+        Link(name="joint 2", a=0.3, d=0.1, prismatic=True),
+    ]
+    assert [*robot.dynamics.chain.links] == expected
+    assert type(robot.law) is Cascade
+    assert (robot.law.difference, robot.torque_delay) == (1, 0)
+
+
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        (("new",), "must be of a URDF file; got none"),
+        (("new",), "or of a number of joints; got none"),
+        (("new", FOLDER / "ur5e.urdf", "--dh", "6"), "got both"),
+        (("new", "--dh", "0"), "must be the number of joints; got 0"),
+        (("ur5e", "--dh", "6"), "go with new"),
         (("new", "none.urdf"), "none.urdf"),
         (("ur5e", "--tip", "x"), "go with new"),
         (("new", FOLDER / "ur5e.urdf", "--tip", "elbo"), "tip must be one of .*'forearm'"),
