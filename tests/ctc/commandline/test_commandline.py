@@ -695,8 +695,8 @@ def test_an_arm_without_a_model_file_begins_with_rows_of_joints(tmp_path, capsys
     assert "law.integral" in err
     assert "arm.links[0].alpha, arm.links[0].a" in err
     # A joint that turns, and a slide whose axis is that of the joint.
-    text = text.replace('a = "?"', "a = 0.3").replace('theta = "?"', "theta = 0.0")
-    text = text.replace('alpha = "?"', "alpha = 0.0").replace('d = "?"', "d = 0.1")
+    text = text.replace('alpha = "?"', "alpha = 0.0").replace('theta = "?"', "theta = 0.0")
+    text = text.replace('a = "?"', "a = 0.3").replace('d = "?"', "d = 0.1")
     text = text.replace('gear = "?"', "gear = [80.0, 314.159]").replace('"?"', "0.1")
     head, slide = text.rsplit("prismatic = false", 1)
     Path("arm.toml").write_text(f"{head}prismatic = true{slide}")
