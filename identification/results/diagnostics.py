@@ -30,7 +30,7 @@ from identification.results.with_arm import OF_RECORDS
 from identification.search.memory import placed, repeating
 from identification.search.methods import prediction_error
 from identification.search.outcome import Fit, Outcome
-from identification.search.predictive import ROUGH, Predicted, doubtful, predicted
+from identification.search.predictive import ROUGH, Predicted, doubtful, in_open_loop, predicted
 from identification.search.problem import Problem
 from plant.parts.checkpoint import Checkpoint
 from plant.parts.fields import Floats
@@ -161,7 +161,8 @@ class Diagnostics(Shown, Frozen):
             objectives.append(held_out)
             costs.append(_cost(fit, held_out))
         runs = _runs(problem, fit, objectives, costs)
-        doubted = _doubted(runs, objectives) and not any(problem.replays)
+        looped = not any(in_open_loop(objective.records) for objective in objectives)
+        doubted = _doubted(runs, objectives) and looped
         if doubted and problem.options.get("steps_per_sample", 4) < FINE.fine_steps:
             # Coarse steps alone leave some pulses of a fine encoder: no fault of the log.
             finer = problem.options | {"steps_per_sample": FINE.fine_steps}

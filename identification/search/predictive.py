@@ -95,8 +95,9 @@ def predicted(problem: Problem, fit: Fit, records: Sequence[Record], cost: float
         if frequencies:
             swings[i] = frequencies[0]
     close = difference <= asks_from(records) and not swings
-    # A replayed torque drives the arm in open loop, where all model errors accumulate.
-    if any(problem.replays) or not np.isfinite(difference) or close:
+    # A replayed torque drives the arm in open loop, where all model errors accumulate. A law that
+    # is stated beside a logged torque runs in its loop again.
+    if in_open_loop(records) or not np.isfinite(difference) or close:
         return Predicted(difference)
 
     # 2. The runs with the fitted values, from which the distances are measured.
@@ -132,6 +133,11 @@ def predicted(problem: Problem, fit: Fit, records: Sequence[Record], cost: float
         if difference > limit or inside:
             break
     return Predicted(difference, float(np.exp(np.mean(logarithms))), limit, tuple(sorted(hunts)))
+
+
+def in_open_loop(records: Sequence[Record]) -> bool:
+    """Whether a simulation repeats a logged torque of some record in place of its law."""
+    return any(record.law is None or record.law.replays for record in records)
 
 
 def _exceeded(logarithms, chance):

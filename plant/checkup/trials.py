@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from plant.checkup.hypothesis import Candidate, Hypothesis
-from plant.checkup.score import Experiment
+from plant.checkup.score import SETTINGS, Experiment
 from plant.checkup.without_arm import TABLE
 
 # Share of its evidence by which a refined size must be better.
@@ -86,11 +86,7 @@ class Trials:
         if tolerance is None or most <= hypothesis.against:
             return [(size, most)]
         # Where nothing but the motion tells, a log that gets better and better is none of a delay.
-        if (
-            hypothesis.check == "delay"
-            and experiment.torques_of_law is None
-            and best == len(sizes) - 1
-        ):
+        if hypothesis.check == "delay" and best == len(sizes) - 1 and _silent(experiment, joints):
             return []
         grid_of_sizes = len(sizes) > 1
         if grid_of_sizes:
@@ -130,6 +126,12 @@ def _of_these_joints(before, after, joints):
 
 # Share of the difference from the law's torque that a delay leaves, at most.
 _EXPLAINED = 0.5
+
+
+def _silent(experiment, joints):
+    """Whether no law tells a torque of these joints: none is stated, or noise hides its steps."""
+    command = experiment.command
+    return command is None or bool((command[list(joints) or slice(None)] > SETTINGS.unlike).all())
 
 
 def _column_names(experiment, joints):
