@@ -185,7 +185,10 @@ def _by_torque(experiment: Experiment, gain: str, joints: Joints, size: float) -
     """How much likelier the logged torque is without a mistake of this size: log odds."""
     compared = experiment.once("smoothed torques", _smoothed_torques)
     # The law explains the torque: nothing is in another unit.
-    if compared is None or (_unexplained(compared.logged, compared.law.torque) < SETTINGS.unexplained).all():
+    if (
+        compared is None
+        or (_unexplained(compared.logged, compared.law.torque) < SETTINGS.unexplained).all()
+    ):
         return -np.inf
     before, after = (
         np.log(_unexplained(compared.logged, torque) + SCORE.steps)

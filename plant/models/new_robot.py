@@ -118,7 +118,8 @@ def new_dh_file(n: int) -> str:
             "table": "modified",
             "gravity": [0.0, 0.0, -9.81],
             "links": [
-                {"name": name, "prismatic": False} | dict.fromkeys(("alpha", "a", "d", "theta"), MISSING)
+                {"name": name, "prismatic": False}
+                | dict.fromkeys(("alpha", "a", "d", "theta"), MISSING)
                 for name in names
             ],
         },

@@ -66,8 +66,7 @@ def main():
                 if not sized:
                     found = f"{name} {cause.size:.3g}" if cause else name
                     print(
-                        f"    {gain} x {factor:.4g}: {found}"
-                        f" ({time.perf_counter() - begun:.1f} s)",
+                        f"    {gain} x {factor:.4g}: {found} ({time.perf_counter() - begun:.1f} s)",
                         flush=True,
                     )
     for key, count in sorted(counts.items()):
