@@ -116,12 +116,13 @@ _LATE = (-80.0, -40.0, -20.0, -10.0, 10.0, 20.0, 40.0, 60.0, 80.0)
 class Remainder(NamedTuple):
     """What least squares leaves of the torques, and the power of its friction, as shares.
 
-    `left`, `power`: of all joints; `left_by_joint`, `power_by_joint` (n,): of each; `power_std`
-    (n,): standard deviation of the latter.
+    `left`, `power`: of all joints; `left_by_joint`, `power_by_joint` (n,): of each; `std` and
+    `power_std` (n,): standard deviations of the powers.
     """
 
     left: float
     power: float
+    std: float
     left_by_joint: Floats
     power_by_joint: Floats
     power_std: Floats
@@ -268,7 +269,8 @@ class TorqueEquation:
         """Log likelihood of the statements: of what is left, of the stated bodies, of friction."""
         fitted = self.fitted
         likely = fitted.power_by_joint + SETTINGS.certain * fitted.power_std
-        impossible = fitted.power < SETTINGS.generated or likely.min() < SETTINGS.generated_by_joint
+        all_joints = fitted.power + SETTINGS.certain * fitted.std
+        impossible = all_joints < SETTINGS.generated or likely.min() < SETTINGS.generated_by_joint
         return (
             -SETTINGS.independent * math.log(fitted.left + SETTINGS.floor)
             - SETTINGS.unphysical * impossible
@@ -315,9 +317,11 @@ class TorqueEquation:
         # Errors repeat along a motion: so many rows count as fewer independent equations.
         error = left * math.sqrt(max(1.0, b.size / (2 * SETTINGS.independent)))
         std = error * np.sqrt(np.einsum("jk,kl,jl->j", work, inverse, work).clip(0))
+        total = work.sum(axis=0)
         return Remainder(
             left=left,
-            power=float((work @ values).sum() / (power.sum() or 1.0)),
+            power=float(total @ values / (power.sum() or 1.0)),
+            std=error * math.sqrt(max(total @ inverse @ total, 0.0)) / (power.sum() or 1.0),
             left_by_joint=np.sqrt(np.mean(remaining**2, axis=0)),
             power_by_joint=work @ values / np.maximum(power, 1e-300),
             power_std=std / np.maximum(power, 1e-300),

@@ -246,7 +246,7 @@ class Identification(Shown, Saved, Frozen):
 
     def _with_law(self, record: Record) -> Record:
         """A record under the identified law and rig, whose state in it stays."""
-        law = record.law
+        law: Any = record.law
         if isinstance(law, Resumed):
             law = dataclasses.replace(law, law=self.law)
         elif not law.replays:

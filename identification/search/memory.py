@@ -49,7 +49,8 @@ def with_memory(problem: Problem, fitted: Callable[[Problem], Outcome]) -> Outco
             if unstated[k]:
                 records[k], memories[k] = with_state(problem.dynamics, record, problem.unknown)
     # Filters of fast hardware fade within a sample or two, whatever was in them.
-    fast = all(record.law.period is None for record in problem.records)
+    laws: list[Any] = [record.law for record in problem.records]
+    fast = all(law.period is None for law in laws)
     if began is not None and fast and not any(memory and memory.usual.size for memory in memories):
         return began
     problem_resumed = replace(
@@ -69,7 +70,6 @@ def with_memory(problem: Problem, fitted: Callable[[Problem], Outcome]) -> Outco
 
     # 3. The simpler hypothesis stays until the log refutes it. In both the arm's position and speed
     # at the first sample are unknown, within a count.
-    laws: list[Any] = [record.law for record in problem.records]
     stated = tuple(
         None if memory is None else Memory.known(law.state)
         for law, memory in zip(laws, memories, strict=True)

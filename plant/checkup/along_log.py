@@ -70,12 +70,13 @@ def torque_along(signals: Signals, stated: Any, rig: Any) -> Floats | None:
     record = signals.record
     t = sample_times(signals, len(signals.clear[: SETTINGS.samples]))
     if not stated.has_memory(signals.n):
-        return at_times(t, record.t, commanded_torque(replace(record, law=stated, rig=rig)))
+        commanded = commanded_torque(replace(record, law=stated, rig=rig))
+        return None if commanded is None else at_times(t, record.t, commanded)
     # 1. The law's own times: fast hardware has no period, and is run some steps per sample.
     period = law.period or signals.interval / FAST
     times = np.arange(t[0], t[-1] + period / 2, period)
     counts = at_times(times, record.t, law.replayed(record))
-    reference = at_times(times, signals.t, signals.reference)
+    reference = at_times(times, signals.t, np.asarray(signals.reference))
     columns = *_reference_motion(signals, law, times, t), reference, counts
     ((torque, _),) = law.steps(rig, columns, period, [law.state])
     # 2. Each sample has the torque of the last step of the law up to it.
