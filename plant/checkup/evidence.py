@@ -87,7 +87,15 @@ def used_limits(experiment: Experiment, joints: Joints) -> tuple[float, ...]:
     i = joints[0]
     if torque is None or not np.isfinite(drive.current_limit[i]):
         return ()
-    share = float(np.abs(torque[:, i]).max() / drive.motor_gain[i] / drive.current_limit[i])
+    largest = float(np.abs(torque[:, i]).max())
+    commanded = experiment.commanded
+    if commanded is not None:
+        # An amplifier is at its limit wherever the command is beyond it.
+        beyond = np.abs(commanded[:, i]) > (1 + _AT_LIMIT) * largest
+        at_limit = np.abs(torque[beyond, i]) > (1 - _AT_LIMIT) * largest
+        if not at_limit.size or at_limit.mean() < _MOSTLY:
+            return ()
+    share = largest / float(drive.motor_gain[i] * drive.current_limit[i])
     return (share,) if share < 1 - _RELEVANT else ()
 
 
@@ -110,6 +118,9 @@ def _positive(ratio):
 
 # Relative distance from the amplifier's limit within which a torque is limited.
 _AT_LIMIT = 0.02
+
+# Share of the commands beyond a limit that it cuts off, in a log whose counts may be late.
+_MOSTLY = 0.5
 
 # A factor nearer to one is within what rounding and an imperfect undo cause.
 _RELEVANT = 0.03
@@ -325,22 +336,24 @@ def model_evidence(experiment: Experiment, joints: Joints) -> Iterator[tuple[flo
     measured = experiment.changed(as_commanded(experiment.record, joints, 1.0)).motions
     if not differences or equations is None or motions is None or measured is None:
         return
-    odds = 0.0
+    odds, lacking = 0.0, 0.0
     for i, (commanded, difference) in enumerate(differences):
         motion, logged, equation = measured[i], motions[i], equations[i]
         # Beside the size of the torque, so that units do not count.
-        share = logged.coulomb / np.std(commanded + difference) * np.std(commanded)
-        significant = motion.coulomb > _CERTAIN * motion.coulomb_std
-        if not significant or not share < _FRICTIONLESS * motion.coulomb:
+        unit = np.std(commanded) / max(np.std(commanded + difference), np.finfo(float).tiny)
+        friction, std = unit * logged.coulomb, unit * logged.coulomb_std
+        if not friction < _FRICTIONLESS * motion.coulomb + 2 * std:
             return
+        lacking += ((motion.coulomb - friction) / np.hypot(std, motion.coulomb_std)) ** 2
         columns = np.column_stack([equation.own, equation.free])
         odds += _likelier(experiment, commanded, difference, columns)[1] - columns.shape[1]
-    yield 1.0, odds
+    if lacking > _CERTAIN**2:
+        yield 1.0, odds
 
 
-# Dry friction of a torque over that of the law's, below which it has none; and the standard
-# deviations that make the law's significant. Models of drives with half their friction exist.
-_FRICTIONLESS, _CERTAIN = 0.2, 5.0
+# Dry friction of a torque over that of the law's, below which it has none, since drives are
+# modelled with half their friction; and the standard deviations that make the law's significant.
+_FRICTIONLESS, _CERTAIN = 0.2, 3.0
 
 
 def viscous_evidence(experiment: Experiment, joints: Joints) -> Any:

@@ -113,10 +113,14 @@ class Trials:
 def _of_these_joints(before, after, joints):
     """Whether what a delay of some joints, or of all, makes likelier is that delay."""
     chosen = list(joints) or slice(None)
+    gains = {name: (after.terms[name] - before.terms[name])[chosen].sum() for name in after.terms}
     # Of one joint it shows in that joint, and not in others alone.
-    gain = sum((after.terms[name] - before.terms[name])[chosen].sum() for name in after.terms)
-    if joints and gain < 0:
+    if joints and sum(gains.values()) < 0:
         return False
+    # Where motion alone shows it, the motion must: an inertia that a shift makes uncertain has a
+    # likelier prior, too.
+    if before.torques_of_law is None and before.signals.torque is not None:
+        return bool(gains.get("motion", 0.0) > _EXPLAINED * sum(gains.values()))
     if before.command is None or after.command is None or before.record.law.has_memory(before.n):
         return True
     # Fast hardware reads its counter beside the instant of the log, which looks like a small delay
@@ -124,7 +128,8 @@ def _of_these_joints(before, after, joints):
     return bool(after.command[chosen].sum() < _EXPLAINED * before.command[chosen].sum())
 
 
-# Share of the difference from the law's torque that a delay leaves, at most.
+# Share of the difference from the law's torque that a delay leaves, at most, and of its evidence
+# that the motion gives, at least.
 _EXPLAINED = 0.5
 
 

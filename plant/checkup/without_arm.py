@@ -189,7 +189,7 @@ def _units() -> Iterator[Hypothesis[Any]]:
     yield Hypothesis(
         name="torque of a model",
         check="units of torque",
-        sentence="The torque is of a model, not measured: it has no dry friction, the law's has",
+        sentence="The torque is not measured but of a model: it lacks the dry friction of the law's",
         remedy="Log what the drive measures, or leave the column out.",
         undo=as_commanded,
         measurement="Turn a joint slowly: its measured torque jumps where it turns back.",

@@ -353,7 +353,7 @@ LABELS = {
 WORDS = {
     "exchanged references": r"references? .*(are|is) exchanged|[Ee]xchange the .*reference",
     "exchanged torques": r"torques? .*(are|is) exchanged|[Ee]xchange the .*torque",
-    "turns": r"in turns|revolutions",
+    "turns": r"in '?turns|revolutions",
     "normalised": r"normalised|share of (its|the|each joint's) range",
     "torque scale": (
         r"times the commanded|in mN m|in kN m|in A\b|crossed the gear|the motor's torque, not"
