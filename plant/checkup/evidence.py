@@ -11,7 +11,13 @@ from plant.checkup.rounding import rounding_log_odds
 from plant.checkup.score import SETTINGS, Experiment
 from plant.checkup.stamps import chance_of_period
 from plant.checkup.torque_regression import TorqueRegression, least_squares
-from plant.checkup.undo import SLACK, as_commanded, counted_in_steps, gains_in_ampere
+from plant.checkup.undo import (
+    SLACK,
+    as_commanded,
+    counted_in_steps,
+    gains_in_ampere,
+    other_resolution,
+)
 from plant.laws.law import block_of
 from plant.parts.fields import Floats
 
@@ -379,6 +385,27 @@ def grid_evidence(experiment: Experiment, joints: Joints) -> Iterator[tuple[floa
         if step % 1:
             levels = len(np.unique(experiment.signals.counts[:, 0]))
             yield step, levels * float(np.log(step))
+
+
+def radian_evidence(experiment: Experiment, joints: Joints) -> Iterator[tuple[float, float]]:
+    """Log odds of a resolution per radian: gravity that no angle explains, and then all of it.
+
+    What springs and other arms need of more columns is a small share of their torque.
+    """
+    changed = experiment.changed(other_resolution(experiment.record, joints, 2 * np.pi))
+    if experiment.motions is None or changed.motions is None:
+        return
+    before, after = (
+        max(motion.unexplained for motion in motions)
+        for motions in (experiment.motions, changed.motions)
+    )
+    if before > _STRANGE * SETTINGS.motion and after < SETTINGS.motion:
+        yield 2 * np.pi, changed.score - experiment.score
+
+
+# Share of a torque that the motion leaves unexplained, of what it leaves in right logs, from which
+# on the angles are in doubt: drawn machines with springs reach 10.
+_STRANGE = 12.0
 
 
 def steps_evidence(experiment: Experiment, joints: Joints) -> Iterator[tuple[float, float]]:

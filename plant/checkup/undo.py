@@ -264,6 +264,14 @@ def scaled_both(factor: Callable[[Any], Any] | None = None) -> Callable[..., Any
 SLACK = 1e-3
 
 
+def other_resolution(record: Any, joints: Joints, size: float) -> Any:
+    """Multiply the stated resolution, and with it the counts of a given path."""
+    encoder = record.rig.encoder
+    encoder = replace(encoder, resolution=encoder.resolution * size)
+    # A stated `reference` would contradict the column that was counted.
+    return replace(record, rig=replace(record.rig, encoder=encoder), reference=None)
+
+
 def counted_in_steps(record: Any, joints: Joints, size: float) -> Any:
     """Count in steps of so many pulses of the stated resolution."""
     encoder = record.rig.encoder

@@ -22,6 +22,7 @@ from plant.checkup.evidence import (
     inverse_slopes,
     model_evidence,
     period_evidence,
+    radian_evidence,
     rate_evidence,
     rounding_evidence,
     slopes,
@@ -45,6 +46,7 @@ from plant.checkup.undo import (
     other_friction,
     other_gain,
     other_period,
+    other_resolution,
     other_rounding,
     other_time_unit,
     rescaled_torque,
@@ -252,6 +254,16 @@ def _statements() -> Iterator[Hypothesis[Any]]:
         undo=counted_in_steps,
         measurement=_RIGHT_ANGLE,
         evidence=steps_evidence,
+    )
+    yield Hypothesis(
+        name="resolution per radian",
+        check="quantisation step",
+        sentence="The resolution may be pulses per radian, not per turn",
+        remedy="State pulses per turn.",
+        undo=other_resolution,
+        measurement=_RIGHT_ANGLE,
+        evidence=radian_evidence,
+        against=8.0,
     )
     yield Hypothesis(
         name="unit of time",
