@@ -54,6 +54,9 @@ class TorqueSettings:
         Reversals of the load that an estimate of the backlash needs.
     backlash : float
         Significant backlash [least counts].
+    backlash_angle : float
+        The same [rad, or m of a joint that slides]: gears "without backlash" state half an arc
+        minute, 1.5e-4 rad; right logs of fine encoders reach 6e-5.
     backlash_certain : float
         The same in standard deviations.
     """
@@ -68,6 +71,7 @@ class TorqueSettings:
     certain: float = 5.0
     reversals: int = 6
     backlash: float = 0.5
+    backlash_angle: float = 1e-4
     backlash_certain: float = 3.5
 
 
@@ -157,7 +161,9 @@ def _backlash(signals, i):
         return check.unknown(f"the load changes sign {regression.reversals} times")
     backlash = regression.backlash
     std = regression.backlash_std
-    least = SETTINGS.backlash * signals.least_count[i]
+    # Counts of a fine encoder show more than gears have.
+    angle = abs(float(signals.rig.to_angle(np.eye(signals.n))[i, i]))
+    least = max(SETTINGS.backlash * signals.least_count[i], SETTINGS.backlash_angle / angle)
     certain = SETTINGS.backlash_certain * std
     if backlash > max(least, certain):
         advice = (

@@ -244,8 +244,9 @@ def _noise(signals, i):
         " interference."
     )
     look = SETTINGS.noise * step
-    # An acceleration that changes sign from sample to sample moves an arm by this amplitude.
-    shaken = stopped(signals.rig, signals.interval)[i] / np.pi**2
+    # An acceleration of 30 rad/s^2 that changes sign from sample to sample moves an arm by this
+    # amplitude: its fast loop stops and reverses it harder than the log's samples show.
+    shaken = 2 * stopped(signals.rig, signals.interval)[i] / np.pi**2
     if look < noise < shaken:
         return check.unknown("the arm may move so between two samples", noise)
     return check.graded(noise, advice, look=look, wrong=10 * step)
