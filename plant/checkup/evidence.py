@@ -388,7 +388,7 @@ def grid_evidence(experiment: Experiment, joints: Joints) -> Iterator[tuple[floa
 
 
 def radian_evidence(experiment: Experiment, joints: Joints) -> Iterator[tuple[float, float]]:
-    """Log odds of a resolution per radian: gravity that no angle explains, and then all of it.
+    """Log odds of a resolution per radian: gravity and inertia that no arm has, then those of one.
 
     What springs and other arms need of more columns is a small share of their torque.
     """
@@ -399,13 +399,18 @@ def radian_evidence(experiment: Experiment, joints: Joints) -> Iterator[tuple[fl
         max(motion.unexplained for motion in motions)
         for motions in (experiment.motions, changed.motions)
     )
-    if before > _STRANGE * SETTINGS.motion and after < SETTINGS.motion:
+    inertia = float((changed.terms["inertia"] - experiment.terms["inertia"]).sum())
+    strange = before > _STRANGE * SETTINGS.motion or inertia > _BELOW_ROTOR
+    if strange and after < SETTINGS.motion:
         yield 2 * np.pi, changed.score - experiment.score
 
 
 # Share of a torque that the motion leaves unexplained, of what it leaves in right logs, from which
 # on the angles are in doubt: drawn machines with springs reach 10.
 _STRANGE = 12.0
+
+# Log odds of inertias that are not below those of the rotors: two joints that are surely below.
+_BELOW_ROTOR = 40.0
 
 
 def steps_evidence(experiment: Experiment, joints: Joints) -> Iterator[tuple[float, float]]:

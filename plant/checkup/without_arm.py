@@ -191,7 +191,7 @@ def _units() -> Iterator[Hypothesis[Any]]:
     yield Hypothesis(
         name="torque of a model",
         check="units of torque",
-        sentence="The torque is not measured but of a model: it lacks the dry friction of the law's",
+        sentence="The torque is not measured but of a model: it lacks the law's dry friction",
         remedy="Log what the drive measures, or leave the column out.",
         undo=as_commanded,
         measurement="Turn a joint slowly: its measured torque jumps where it turns back.",

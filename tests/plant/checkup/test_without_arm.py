@@ -65,6 +65,12 @@ def clipped(torque):
     return np.clip(torque, (-top, -np.inf), (top, np.inf))
 
 
+def in_pulses_per_radian(record):
+    encoder = record.rig.encoder
+    encoder = dataclasses.replace(encoder, resolution=encoder.resolution / (2 * np.pi))
+    return dataclasses.replace(record, rig=dataclasses.replace(record.rig, encoder=encoder))
+
+
 DRIVE = RIG.drive
 MISTAKES = {
     # name of the cause: (mistake, joints, size; None: a switch)
@@ -91,6 +97,7 @@ MISTAKES = {
         (),
         None,
     ),
+    "resolution per radian": (in_pulses_per_radian, (), None),
     "torque scale": (lambda r: with_torque(r, 1.96 * r.torque), (), 1.96),
     "late counts": (
         lambda r: with_counts(r, np.floor(later(r.counts + 0.5, 1.5))),
