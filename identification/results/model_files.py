@@ -397,6 +397,11 @@ def write_model(
     levels = None
     if drive is not None and friction:
         levels = drive.joint_viscous(), drive.joint_coulomb()
+        if without := drive.further_friction():
+            warn(
+                f"write_model: {path.name} holds viscous and Coulomb friction alone; it leaves out"
+                f" {', '.join(without)}. Keep the rig beside it (write_robot)."
+            )
     # 1. URDF in place: bytes of inertials and friction alone.
     if root.tag == "robot" and path.suffix not in _MJCF:
         edits = []

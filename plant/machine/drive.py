@@ -34,6 +34,9 @@ from plant.parts.fields import ArrayOrSymbols, Floats, Vector
 from plant.parts.messages import joint_labels
 from plant.parts.part import Part, number, part, structure
 
+# Fields of friction that is neither viscous nor Coulomb's, beside the curve.
+_FURTHER = ("load_friction", "presliding", "friction_drift")
+
 _FRICTION = ("viscous", "coulomb")  # fields that may be open
 
 
@@ -320,6 +323,17 @@ class Drive(Part):
                 level = self.curve.risen(level, self.gear * qd)
             level = level + self.curve.level(self.gear * (0.0 if qd is None else qd))
         return level * _magnitude(self.gear)
+
+    def further_friction(self) -> list[str]:
+        """Names of the fields of friction beyond viscous and Coulomb's that this drive has."""
+        fields = [f"drive.{name}" for name in _FURTHER if getattr(self, name) is not None]
+        if self.curve is not None:
+            # A curve of zeros, or one that never saturates, is no friction.
+            for name in ("offset", "breakaway", "viscous_offset", "saturation", "rise"):
+                numbers = getattr(self.curve, name)
+                if numbers is not None and (numbers[np.isfinite(numbers)] != 0).any():
+                    fields.append(f"drive.curve.{name}")
+        return fields
 
     def joint_presliding(self) -> tuple[ArrayOrSymbols, ArrayOrSymbols | None]:
         """Presliding distance [rad] and micro-damping [N m s/rad] (or None), joint (or shaft).

@@ -13,7 +13,7 @@ import pytest
 from ctc import ComputedTorque
 from identification import identify, write_model
 from identification.results.nearest_bodies import Block, nearest_realisation
-from plant import Body, Chain, Coupling, Dynamics, Harmonics, P, puma560, simulate
+from plant import Body, Chain, Coupling, Dynamics, FrictionCurve, Harmonics, P, puma560, simulate
 from plant.mechanics.body import from_pseudo_inertia, pseudo_inertia, symmetric_basis
 
 pytest.importorskip("mujoco")
@@ -403,6 +403,28 @@ def identified(tmp_path_factory):
     )
     measured = simulate(truth, rig, P(gain=(0.5, 0.4)), path, backend="casadi")
     return folder, identify(dynamics, measured, method="equation_error", progress=False)
+
+
+@pytest.mark.parametrize(
+    ("curve", "lost"),
+    [
+        ({"rise": (0.5, 0.0)}, "drive.curve.rise"),
+        ({"viscous_offset": (1e-4, 0.0)}, "drive.curve.viscous_offset"),
+        ({"saturation": (20.0, 30.0)}, "drive.curve.saturation"),
+        ({"saturation": (np.inf, np.inf), "rise": (0.0, 0.0)}, ""),
+    ],
+)
+def test_friction_that_a_file_cannot_hold_is_named(identified, tmp_path, curve, lost):
+    folder, found = identified
+    curve = FrictionCurve(offset=(0, 0), **curve)
+    drive = dataclasses.replace(found.rig.drive, curve=curve)
+    curved = dataclasses.replace(found, rig=dataclasses.replace(found.rig, drive=drive))
+    with warnings.catch_warnings(record=True) as given:
+        warnings.simplefilter("always")
+        write_model(curved, folder / "arm.urdf", tmp_path / "new.urdf", nearest=True)
+    named = [str(line.message) for line in given if "leaves out" in str(line.message)]
+    assert len(named) == bool(lost)
+    assert all(lost in line for line in named)
 
 
 def test_identified_friction_is_written_joint_side(identified, tmp_path):

@@ -20,6 +20,7 @@ from plant import (
     Cascade,
     Counterbalance,
     Elasticity,
+    FrictionCurve,
     JointSpring,
     Law,
     LinkReference,
@@ -56,7 +57,22 @@ SPRINGS = (
         angle=(1.0, 0.0),
     ),
 )
+# Every number of a friction curve, and a level that rises with the load.
+FRICTION = dataclasses.replace(
+    RIG.drive,
+    curve=FrictionCurve(
+        offset=(0.02, -0.03),
+        breakaway=(0.1, 0.05),
+        speed=(4.0, 6.0),
+        viscous_offset=(3e-4, -5e-4),
+        saturation=(20.0, np.inf),
+        rise=(0.5, 0.0),
+    ),
+    load_friction=(0.1, 0.05),
+)
+RUBBED = dataclasses.replace(RIG, drive=FRICTION)
 LAWS = {
+    "friction": ComputedTorque(ARM, RUBBED),
     "computed torque": ComputedTorque(ARM, RIG),
     "measured and delayed": ComputedTorque(ARM, RIG, measured=True, delay=1),
     "PID": ComputedTorquePID(
@@ -72,6 +88,8 @@ LAWS = {
 def simulated(name):
     if name == "elastic gears":
         return simulate(ARM, elastic_rig(), LAWS[name], LinkReference(ARM, elastic_rig(), PATH))
+    if name == "friction":
+        return simulate(ARM, RUBBED, LAWS[name], PATH)
     rig = dataclasses.replace(RIG, springs=SPRINGS) if name == "springs" else RIG
     return simulate(ARM, rig, LAWS[name], PATH)
 
