@@ -325,8 +325,8 @@ class TorqueFit(Shown, Frozen):
         better, errors = self.bodies
         if better > SETTINGS.enough and errors > SETTINGS.clear:
             lines.append(
-                f"the logs leave part of f open: beside the model's own bodies blocks kept aside"
-                f" are predicted {better:+.0%} better ({errors:.1f} standard errors); give prior=0.3"
+                "the logs leave part of f open; beside the model's own bodies blocks kept aside are"
+                f" predicted {better:+.0%} better ({errors:.1f} standard errors): give prior=0.3"
             )
 
         # 2. Logs that differ in numbers of the arm, which are the same in all of them.
