@@ -3,8 +3,9 @@
 A law is linear in each of its gains. It is run along the counts of the log as stated, and once more
 with each gain doubled: the differences are the parts that a factor of the gain multiplies.
 
-With a logged torque, both are compared, smoothed. Without one, the stated law's torque has to drive the motion with an inertia and with friction that a motor can have; the score
-says how much likelier it does so with the gain in another unit.
+With a logged torque, both are compared, smoothed. Without one, the stated law's torque has to drive
+the motion with an inertia and with friction that a motor can have; the score says how much likelier
+it does so with the gain in another unit.
 """
 
 from collections.abc import Callable, Iterator
