@@ -191,11 +191,11 @@ def _by_torque(experiment: Experiment, gain: str, joints: Joints, size: float) -
         or (_unexplained(compared.logged, compared.law.torque) < SETTINGS.unexplained).all()
     ):
         return -np.inf
-    before, after = (
+    stated, corrected = (
         np.log(_unexplained(compared.logged, torque) + SCORE.steps)
         for torque in (compared.law.torque, _without(compared.law, gain, joints, size))
     )
-    gained = compared.equations / 2 * float((before - after).sum())
+    gained = compared.equations / 2 * float((stated - corrected).sum())
     if gained > 0:
         # The torques of samples tell more than the smoothed ones.
         changed = experiment.changed(other_gains(gain)(experiment.record, joints, size))
@@ -258,10 +258,10 @@ def _with_torque_of_law(experiment: Experiment) -> Experiment | None:
     stated = Experiment(_driven(record, experiment, along.torque))
     if not stated.long_enough or stated.motions is None:
         return None
-    rotor = np.maximum(record.rig.drive.motor_inertia, np.finfo(float).tiny)
+    rotors = np.maximum(record.rig.drive.motor_inertia, np.finfo(float).tiny)
     plausible = all(
-        motion.unexplained < SETTINGS.unmoved and 0.5 < motion.inertia / own < SETTINGS.inertia
-        for motion, own in zip(stated.motions, rotor, strict=True)
+        motion.unexplained < SETTINGS.unmoved and 0.5 < motion.inertia / rotor < SETTINGS.inertia
+        for motion, rotor in zip(stated.motions, rotors, strict=True)
     )
     return None if plausible else stated
 

@@ -60,6 +60,7 @@ def test_the_integral_of_fast_hardware_is_unknown_where_a_log_was_cut(seed):
 def test_a_narrow_valley_of_weight_and_integral_is_followed_to_its_end():
     """Differences wider than the valley ended 31 deviations from the values, with nothing said."""
     case = drawn(66)
-    estimate = identify(case.dynamics, case.record, unknown=case.unknown, progress=False)
+    with pytest.warns(UserWarning, match="move in step"):
+        estimate = identify(case.dynamics, case.record, unknown=case.unknown, progress=False)
     assert estimate.doubts == []
     assert np.abs((estimate.fit.values - case.truth) / estimate.fit.std).max() < 4
