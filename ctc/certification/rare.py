@@ -70,15 +70,17 @@ SETTINGS = SubsetSettings()
 class Rare(Frozen):
     """Probability that the largest error before rounding exceeds the limit, by subset simulation.
 
-    Where the counts exceed the limit this error does, too, so its probability bounds that of a
-    `Certificate` from above: a count of one pulse can be an error of up to two.
+    Where the counts exceed the limit, this error does so, too. So its probability bounds that of a
+    `Certificate` from above. It is larger: reference and counts are cut to whole pulses, and an
+    error of one count can be one of almost two pulses before that.
 
-    `asked`: probability that was to be shown. `probability`: the estimate; with `below` or `stuck`
-    that of the highest level, which lies below the limit. `variation`: coefficient of variation of
-    the estimate. `upper`: one-sided upper bound at the confidence, for a log-normal estimate.
-    `below`: whether the levels became rarer than `asked` before they reached the limit. `stuck`:
-    whether the simulation ended before either because its chains no longer moved: the error there
-    is decided by none of the uncertain numbers but, for example, by the chance of rounding.
+    `asked`: probability that was to be shown. `probability`: the estimate. Where the simulation
+    ended before it reached the limit (`below`, `stuck`), it is that of the highest level.
+    `variation`: coefficient of variation of the estimate. `upper`: one-sided upper bound at the
+    confidence, for a log-normal estimate. `below`: whether the upper bound of a level fell below
+    `asked` before a level reached the limit. `stuck`: whether the simulation ended before either,
+    because its chains no longer moved or all errors were equal. The error there is decided by none
+    of the uncertain numbers but, for example, by the chance of rounding.
     `levels` (k,): of the largest error before rounding [pulses]. `evaluations`: simulated samples.
     """
 
@@ -170,10 +172,19 @@ def subset_simulation(
                 levels=np.array(levels),
                 evaluations=evaluations,
             )
-        # 3. The level lies between two neighbours, so that exactly the share exceeds it.
+        # 3. The level lies between two neighbours, so that exactly the share exceeds it; of equal
+        # responses, all or none do.
         order = np.argsort(-g, kind="stable")
         above = int(SETTINGS.level_share * len(g))
-        level = (g[order[above - 1]] + g[order[above]]) / 2
+        distinct = np.unique(g)
+        place = max(np.searchsorted(distinct, g[order[above - 1]]), 1)
+        # No number changes responses that are all equal.
+        stuck = len(distinct) == 1
+        if stuck:
+            levels.append(float(distinct[0]))
+            continue
+        level = (distinct[place] + distinct[place - 1]) / 2
+        above = min(above, int((g > level).sum()))
         probability = probability * (g > level).mean()
         squares = squares + _square(g > level, steps)
         levels.append(float(level))
@@ -261,9 +272,10 @@ _NOT_NUMBERS = ("jitter", "dropped", "plants")
 
 
 class Normals:
-    """Stands for a random generator: its draws are columns of u (P, d), or new columns of it.
+    """Stands for a random generator: the columns of u (P, d) are its draws, one after the other.
 
-    `sound` (P,): whether each row gives an arm, which the receiver of the draws states.
+    With `random` it appends new columns to u and returns those. `sound` (P,): whether each row
+    gives an arm whose inertia matrix is positive; whoever uses the draws writes it.
     """
 
     def __init__(self, u: Floats, random: Any = None) -> None:

@@ -178,17 +178,17 @@ class LoadShape:
 
     @property
     def prior(self) -> Floats:
-        """Standard parameters (10,) of half the heaviest load, at the middle centre."""
-        return self.mass[1] / 2 * self.per_kg[len(self.places) // 2]
+        """Standard parameters (10,) of the mean mass, at the middle centre."""
+        return self.mass.mean() * self.per_kg[len(self.places) // 2]
 
 
 def _outwards(arm: Arm) -> Floats:
-    """Axis (3,) of the last link's frame along which its own centre of mass lies, by f.
+    """Direction (3,) of the last link's own centre of mass in its frame, from the arm's parameters.
 
     Raises
     ------
     ValueError
-        No f belongs to the last link alone.
+        None of the parameters f belongs to the last link alone.
     """
     matrix = np.array(arm.dynamics.lumping.matrix)
     # Rows of f to which no other link contributes.
@@ -292,8 +292,8 @@ def posterior(
     """Posterior distribution of mass and centre; the prior is uniform in both.
 
     `matrix`, `vector`, `square`: from `information`. `rows`: number of rows of the window.
-    `misfit_limit`: RMS residual, in that of rounding, above which no load explains a window; above
-    1 it widens the distribution.
+    `misfit_limit`: ratio of the RMS residual to that of rounding, above which no load explains a
+    window. A ratio above 1 widens the distribution.
     """
     # 1. Each centre k has a quadratic log-likelihood of the mass m: m pull - m^2 weight / 2.
     low, high = shape.mass

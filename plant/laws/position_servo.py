@@ -21,9 +21,10 @@ _AT_ONCE = 1e12
 class PositionServo(InnerLoop, Law):
     """The position loop of a servo, on its own counts and with a period of its own.
 
-    Motor torque = supply (gain e - damping rate), e being goal minus count: none within the dead
-    zone, and at least `start` beyond it. The amplifier's limit is the drive's; back-EMF of a motor
-    that is fed by a voltage is the drive's viscous friction, kt^2 / R.
+    Motor torque = supply (gain e - damping rate), with e = goal - count and the rate of the counts.
+    Within the dead zone, the term gain e is zero; beyond it, its size is at least `start`. The
+    damping acts everywhere. The amplifier's limit is the drive's. The back-EMF of a motor that is
+    fed by a voltage is the drive's viscous friction, kt^2 / R.
 
     As the ``law`` of a log, the reference is the goal that was sent. As the ``inner`` loop of a
     `Rig`, a law above it sends the goals: `Running.goal`. It seldom runs in a control script: its
@@ -46,10 +47,11 @@ class PositionServo(InnerLoop, Law):
         Speed at which the servo's own goal follows the one that was sent [pulses/s]; at once by
         default.
     supply : (n,) array_like or float, optional
-        Voltage over that at which the gain holds.
+        Ratio of the supply voltage to the voltage at which `gain` and `damping` hold.
     register : (2,) tuple of int, optional
-        Lowest and highest goal that the servo takes [counts], such as (0, 4095): beyond, a goal is
-        sent as the nearest of them, since a servo would turn the other way round to the rest of it.
+        Lowest and highest goal that the servo takes [counts], such as (0, 4095). A goal outside is
+        replaced by the nearest of them: the servo would take it modulo a turn, and move the other
+        way round.
     period : float, optional
         Of the servo's loop [s]. A sample of the rig has a whole number of the nearest such periods.
 
@@ -106,11 +108,11 @@ class PositionServo(InnerLoop, Law):
     def equations(
         self, rig: Rig, state: ca.SX, setpoint: Setpoint, pulses: ca.SX, torque: ca.SX, dt: ca.SX
     ) -> Step:
-        """Tau = k supply (gain (goal - pulses) - damping pulses')."""
+        """Tau = gear supply (gain (goal - pulses) - damping pulses'), with dead zone and start."""
         before = self.fields.read(state, rig.n)
         # 1. The servo's own goal runs after the one that was sent; it begins there.
         change = setpoint.pulses - before.goal
-        # An infinite speed would be NaN times a step of no length.
+        # A finite speed, since infinity times a step of length zero is not a number.
         most = ca.fmin(self.speed, _AT_ONCE) * dt
         goal = before.goal + ca.if_else(
             before.begun > 0, ca.fmin(ca.fmax(change, -most), most), change
@@ -162,6 +164,6 @@ class PositionServo(InnerLoop, Law):
         return frame.pulses
 
     def _per_radian(self, rig: Rig) -> Any:
-        """Motor torque on the shaft of one pulse per angle: both cross the gear."""
+        """Joint torque per joint angle of a gain of one N m per pulse: both cross the gear."""
         gear = rig.drive.gear
         return gear * rig.encoder.position_in_pulses(gear)

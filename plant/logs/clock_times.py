@@ -24,13 +24,14 @@ def is_instant(cell: str) -> bool:
     (True, False, False)
     """
     try:
-        return ":" in cell and nanoseconds(cell) is not None
+        nanoseconds(cell)
     except ValueError:
         return False
+    return True
 
 
 def nanoseconds(cell: str) -> int:
-    """The instant of a cell [ns], from an origin that all cells share.
+    """The instant of a cell in UTC [ns]: since the year 0, or since midnight without a date.
 
     Raises
     ------
@@ -50,9 +51,10 @@ def nanoseconds(cell: str) -> int:
         suffix = "" if match["year"] else "_of"
         year, month, day = (int(part[name + suffix]) for name in ("year", "month", "day"))
         days = datetime.date(year, month, day).toordinal()
-    # Time of day minus the distance of its zone from UTC.
+    # A zone of +02:00 is two hours ahead of UTC.
     zone = 60 * int(part["hours"]) + int(part["minutes"])
-    minutes = 60 * hour + minute - (zone if part["sign"] == "+" else -zone)
+    ahead = zone if part["sign"] == "+" else -zone
+    minutes = 60 * hour + minute - ahead
     whole = (60 * minutes + second) * 1_000_000_000 + int(part["fraction"].ljust(9, "0"))
     return days * _DAY + whole
 
@@ -60,7 +62,7 @@ def nanoseconds(cell: str) -> int:
 class ClockTimes:
     """Instants of a table as seconds after the midnight before its first one.
 
-    So small numbers keep nanoseconds, which seconds since 1970 do not.
+    A float of this size resolves nanoseconds; a float of the seconds since 1970 does not.
     """
 
     def __init__(self) -> None:

@@ -73,6 +73,25 @@ def test_chance_that_no_number_decides_is_said():
     assert "rounding decides" in str(found)
 
 
+@pytest.mark.parametrize(
+    ("response", "level", "probability"),
+    [
+        (lambda u: np.ones(len(u)), 1.0, 1.0),
+        (lambda u: np.minimum(u[:, 0], 0.5), 0.5, 0.31),
+        (lambda u: np.where(u[:, 0] > 1.645, 1.0, 0.0), 1.0, 0.05),
+    ],
+    ids=["all equal", "equal at the top", "equal below"],
+)
+def test_equal_errors_end_it_with_their_probability(response, level, probability):
+    """An error that saturates has no level above it, and its probability stays a number."""
+    result = subset_simulation(response, 2.0, 2, 1e-6, 0)
+    assert result.stuck
+    assert not result.met
+    assert result.levels[-1] == level
+    assert result.probability == pytest.approx(probability, rel=0.3)
+    assert result.probability <= result.upper <= 1
+
+
 def test_samples_of_normals_have_the_distribution_of_certify():
     arm, rig = puma560.arm(), puma560.rig()
     grown = Normals(np.empty((3000, 0)), np.random.default_rng(5))
