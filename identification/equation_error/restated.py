@@ -293,7 +293,8 @@ class TorqueEquation:
         torque = (self.torque[self.rows] + self._springs) * moving
         unit = self.unit
         if unit is None:
-            unit = np.sqrt(np.mean(torque**2, axis=0))
+            # Of the motors alone: positions in another unit would change what springs bear.
+            unit = np.sqrt(np.mean((self.torque[self.rows] * moving) ** 2, axis=0))
         unit = np.where(self.weightless | (unit == 0), np.inf, unit)
         A = (self.columns * (moving / unit)[:, :, None]).reshape(torque.size, -1)
         # Each column in units of its largest value.
