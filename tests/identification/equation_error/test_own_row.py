@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from identification.equation_error.restated import HYPOTHESES, TorqueEquation, contradictions
+from identification.equation_error.restated import HYPOTHESES, contradictions
+from identification.equation_error.stated_equation import TorqueEquation
 from plant import Harmonics, Hypothesis, puma560, simulate
 
 PATH = Harmonics(

@@ -10,7 +10,8 @@ import pytest
 from random_rigs import drawn
 
 from identification.equation_error.regressor import regressor_along
-from identification.equation_error.restated import TorqueEquation, contradictions, restated
+from identification.equation_error.restated import contradictions, restated
+from identification.equation_error.stated_equation import TorqueEquation
 from identification.results.alternatives import Sign
 from identification.results.detection import Detection
 from plant import PID, Body, Chain, Dynamics, Harmonics, Link, Placement, Spline, puma560, simulate

@@ -1,0 +1,165 @@
+"""What undoes each mistake in how a log or a chain is stated, and the sizes that a log suggests.
+
+A function of an equation, joints and a size gives the equation without the mistake. One of an
+equation and joints gives sizes, or sizes with how much likelier each makes the log.
+"""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+
+from identification.equation_error.regressor import regressor_along
+from identification.equation_error.stated_equation import SETTINGS
+from plant.motion.reference import Motion
+
+
+def _signs(n, joint):
+    """Signs (n,), one joint's turned."""
+    return np.where(np.arange(n) == joint, -1.0, 1.0)
+
+
+def turned(equation, joints, size):
+    """The joint with all its columns turned."""
+    sign = _signs(equation.dynamics.n, *joints)
+    motion = Motion(*(sign * signal for signal in equation.motion))
+    return replace(equation, motion=motion, torque=sign * equation.torque, dry=sign * equation.dry)
+
+
+def torque_turned(equation, joints, size):
+    """The joint with its torque alone turned."""
+    return equation.with_torque(_signs(equation.dynamics.n, *joints) * equation.torque)
+
+
+def torques_turned(equation, joints, size):
+    """All torques turned."""
+    return equation.with_torque(-equation.torque)
+
+
+def gravity_times(equation, joints, size):
+    """Gravity times a factor: -1 is upwards."""
+    return replace(equation, gravity=size)
+
+
+def weighed(equation, joints, size):
+    """Without gravity, or beside so much of what the stated bodies weigh."""
+    if not size:
+        return replace(equation, gravity=0.0)
+    dynamics = equation.dynamics
+    resting = Motion(equation.motion.q, *2 * [0 * equation.motion.q])
+    Y = regressor_along(dynamics, equation.rig, dynamics.names, resting)[0]
+    # In the unit of the log: an added torque that is explained would make the rest look smaller.
+    heavier = replace(equation, unit=1 / np.maximum(equation.of_joints[2].max(axis=0), 1e-300))
+    return heavier.with_columns(equation.columns, equation.needed).with_torque(
+        equation.torque + size * Y @ dynamics.f()
+    )
+
+
+def removals(equation, joints):
+    """Gravity of any bodies that is taken out, or that of the stated ones."""
+    return (0.0,) if equation.needed is None else (0.0, 1.0)
+
+
+def zero_moved(equation, joints, size):
+    """The joint with another zero [degrees]."""
+    shift = np.zeros(equation.dynamics.n)
+    shift[list(joints)] = np.deg2rad(size)
+    return replace(equation, motion=equation.motion._replace(q=equation.motion.q - shift))
+
+
+def tilts(equation, joints):
+    """The likeliest tilt of the base [degrees]; none of a level one, or without gravity."""
+    if not any(equation.dynamics.chain.gravity):
+        return ()
+    degrees = float(np.rad2deg(np.hypot(*equation.likeliest_tilt)))
+    return (degrees,) if degrees > SETTINGS.level else ()
+
+
+def levelled(equation, joints, size):
+    """The base tilted as is likeliest."""
+    return replace(equation, tilt=equation.likeliest_tilt)
+
+
+def without_friction(equation, joints, size):
+    """Torques that are known to have no friction in them."""
+    return replace(equation, frictionless=True).with_columns(equation.columns, equation.needed)
+
+
+def frictionless(equation, joints):
+    """Share of the torques [%] that is friction, and the odds for none."""
+    stated = SETTINGS.usual if equation.rig.drive.left_open else equation.braking
+    # The torque of the law drives the motor, friction and all.
+    if equation.frictionless or equation.constant or stated < SETTINGS.braked:
+        return
+    share = max(abs(equation.fitted.power), 1e-3)
+    if share < stated:
+        yield 100 * share, 0.5 * (math.log(share / stated) / SETTINGS.friction) ** 2
+
+
+def scaled(equation, joints, size):
+    """Torques in a unit so many times as large."""
+    return equation.with_torque(equation.torque / size)
+
+
+def scales(equation, joints):
+    """The torques in units of those that the stated bodies need, and the odds for that factor."""
+    if equation.needed is None or not equation.scale:
+        return
+    # Bodies that are all wrong by as much as is usual are no other unit.
+    usual = float(np.clip(equation.scale, 1 / SETTINGS.scale, SETTINGS.scale))
+    # Nor is it a unit where the bodies explain nothing.
+    less_likely = max(map(equation.evidence_of_bodies, (usual, 0.0)))
+    yield equation.scale, equation.evidence_of_bodies(equation.scale) - less_likely
+
+
+def in_unit(equation, joints, size):
+    """Positions that were read in a unit so many times too large."""
+    return replace(equation, motion=Motion(*(signal / size for signal in equation.motion)))
+
+
+def _exchanged(signal, joints):
+    places = np.arange(signal.shape[1])
+    places[list(joints)] = joints[::-1]
+    return signal[:, places]
+
+
+def positions_exchanged(equation, joints, size):
+    """Positions of two joints exchanged, with the friction that follows from them."""
+    motion = Motion(*(_exchanged(signal, joints) for signal in equation.motion))
+    return replace(equation, motion=motion, dry=_exchanged(equation.dry, joints))
+
+
+def torques_exchanged(equation, joints, size):
+    """Torques of two joints exchanged."""
+    return equation.with_torque(_exchanged(equation.torque, joints))
+
+
+def in_time(equation, joints, size):
+    """Torques that were logged so many milliseconds late."""
+    # What wraps around lies outside the rows that are compared.
+    return equation.with_torque(np.roll(equation.torque, -_samples(equation, size), axis=0))
+
+
+def _samples(equation, milliseconds):
+    return round(1e-3 * milliseconds / equation.rig.period)
+
+
+def latenesses(equation, joints):
+    """Times [ms] by which torques may be late, and how much closer each joint follows then.
+
+    A joint with little friction shows the time; one that friction alone moves does not, and
+    leaves most.
+    """
+
+    def joint_by_joint(equation):
+        return np.log(equation.fitted.left_by_joint + SETTINGS.floor).sum()
+
+    as_stated = joint_by_joint(equation)
+    # A short log leaves fewer samples at its ends.
+    margin = min(equation.rows[0], len(equation.torque) - 1 - equation.rows[-1])
+    for size in SETTINGS.late:
+        # Loggers are late by a sample, and hold torques for one.
+        if not 2 <= abs(_samples(equation, size)) <= margin:
+            continue
+        gain = as_stated - joint_by_joint(in_time(equation, joints, size))
+        yield size, SETTINGS.by_joint * gain
