@@ -68,14 +68,17 @@ def with_memory(problem: Problem, fitted: Callable[[Problem], Outcome]) -> Outco
     if began.fit.covariance is None or resumed.fit.gains is None:
         return resumed
 
-    # 3. The simpler hypothesis stays until the log refutes it. In both the arm's position and speed
+    # 3. The likelier hypothesis stays until the log refutes it. In both the arm's position and speed
     # at the first sample are unknown, within a count.
     stated = tuple(
         None if memory is None else Memory.known(law.state)
         for law, memory in zip(laws, memories, strict=True)
     )
     began_near = replace(problem, memories=stated)
-    return resumed if _refuted(began_near, began.fit, resumed.fit, memories) else began
+    # A controller that had been moving the arm was at work; else the simpler hypothesis is likelier.
+    running = any(map(in_motion, problem.objective.records))
+    refuted = _refuted(began_near, began.fit, resumed.fit, memories, running=running)
+    return resumed if refuted else began
 
 
 def with_starts(problem: Problem) -> Problem:
@@ -92,8 +95,11 @@ def with_starts(problem: Problem) -> Problem:
     return problem if not any(memories) else replace(problem, memories=tuple(memories))
 
 
-def _refuted(fresh, began, resumed, memories):
-    """Whether a log refutes that its laws started with it.
+def _refuted(fresh, began, resumed, memories, *, running):
+    """Whether a log refutes that its laws started with it; `running`: whether they had been at work.
+
+    A weight and the integral of a vertical slide fit the log in either case. So a law that had been
+    at work keeps its unknown state, unless the search for it ended much too early.
 
     Both hypotheses are compared at the same observer gains: these are searched, and may end
     elsewhere for a reason that is not the state of the law.
@@ -109,7 +115,8 @@ def _refuted(fresh, began, resumed, memories):
     readings = np.count_nonzero(simple.residual)
     unit = resumed.rms_innovation**2 * variance_inflation(simple.residual)
     gain = readings * (simple.rms_innovation**2 - resumed.rms_innovation**2)
-    return gain > unit * freedom * np.log(readings)
+    evidence = unit * freedom * np.log(readings)
+    return gain > (-evidence if running else evidence)
 
 
 def _at_gains(problem, fit, gains):
