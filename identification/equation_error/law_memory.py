@@ -56,6 +56,9 @@ class LawMemorySettings:
         Share of the torque that a state must make, for a change of its own size, to be fitted.
     deviation : float
         Expected standard deviation of a state, relative.
+    beside : float
+        Distance from the range of a state in the second half of a log, in widths of that range,
+        from which on the law began with the log.
     """
 
     straight: int = 10
@@ -67,6 +70,7 @@ class LawMemorySettings:
     step: float = 1e-4
     least_torque: float = 1e-3
     deviation: float = 2.0
+    beside: float = 0.5
 
 
 SETTINGS = LawMemorySettings()
@@ -195,6 +199,25 @@ def at_work(record: Record, law: Resumed) -> tuple[Record, Floats]:
     # Flags as they are later in the log, filters as after a motion like its first samples.
     begun = np.where(still, np.median(usual, axis=0), run_law(_before(record)).states[-1])
     return _moved(record, begun - law.state), np.abs(usual).max(axis=0)
+
+
+def passes_start(record: Record, memory: Memory) -> bool:
+    """Whether a law's state moves, later in its log, about where it would have begun with the log.
+
+    An integral that begins with the log climbs to the weight of the joint, and stays about there.
+    One that was at work has this weight already.
+    """
+    law: Any = record.law
+    states = run_law(reading(record, law)).states
+    usual = states[len(states) // 2 :]
+    sizes = np.abs(usual).max(axis=0)
+    # The state that makes most of each torque, whatever its unit is.
+    shares = np.abs(memory.directions) / np.where(sizes > 0, sizes, np.inf)[:, None]
+    places = shares.argmax(axis=0)
+    low, high = usual.min(axis=0)[places], usual.max(axis=0)[places]
+    begun = law.state[places]
+    margin = SETTINGS.beside * (high - low)
+    return bool(((begun > low - margin) & (begun < high + margin)).any())
 
 
 def _before(record):

@@ -2,7 +2,8 @@
 
 Both hypotheses are fitted. Under the second one, the part of the state that shows in the torque is
 unknown beside f, and so are position and speed of the arm at the first sample. If the second fit
-explains the log no better than by chance, the law started with the log.
+explains the log no better than by chance, the law started with the log, unless the motion shows
+that it had been at work.
 """
 
 from collections.abc import Callable, Sequence
@@ -11,7 +12,13 @@ from typing import Any
 
 import numpy as np
 
-from identification.equation_error.law_memory import Memory, Resumption, along_log, with_state
+from identification.equation_error.law_memory import (
+    Memory,
+    Resumption,
+    along_log,
+    passes_start,
+    with_state,
+)
 from identification.equation_error.naming import each_named
 from identification.equation_error.stated_law import begun
 from identification.replay.experiment import with_zeros
@@ -77,6 +84,11 @@ def with_memory(problem: Problem, fitted: Callable[[Problem], Outcome]) -> Outco
     began_near = replace(problem, memories=stated)
     # A controller that had been moving the arm was at work; else the simpler hypothesis is likelier.
     running = any(map(in_motion, problem.objective.records))
+    # Where no reading tells, neither is simpler: the state lies where the law keeps it at work.
+    running |= bool(resumed.fit.undetermined) and any(
+        memory is not None and passes_start(record, memory)
+        for record, memory in zip(problem.records, memories, strict=True)
+    )
     refuted = _refuted(began_near, began.fit, resumed.fit, memories, running=running)
     return resumed if refuted else began
 
