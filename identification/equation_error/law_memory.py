@@ -205,9 +205,15 @@ def passes_start(record: Record, memory: Memory) -> bool:
     """Whether a law's state moves, later in its log, about where it would have begun with the log.
 
     An integral that begins with the log climbs to the weight of the joint, and stays about there.
-    One that was at work has this weight already.
+    One that was at work has this weight already. A light weight lies within what friction changes;
+    but where the controller begins to carry it, errors bend more than they ever do later.
     """
+    from scipy.signal import savgol_filter
+
     law: Any = record.law
+    bends = np.abs(savgol_filter(record.error_pulses, FADED + 1, 2, deriv=2, axis=0))
+    if (bends[0] > bends[len(bends) // 2 :].max(axis=0)).any():
+        return False
     states = run_law(reading(record, law)).states
     usual = states[len(states) // 2 :]
     sizes = np.abs(usual).max(axis=0)

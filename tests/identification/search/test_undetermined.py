@@ -4,6 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
+from random_rigs import drawn
 
 from identification import identify
 from plant import (
@@ -108,6 +109,14 @@ def test_a_stiff_loop_that_begins_with_its_log_determines_the_weight():
     estimate = identify(DYNAMICS, log(0.0, STIFF), progress=False)
     assert estimate.fit.undetermined == ()
     assert np.abs(deviations(estimate)).max() < 3
+
+
+def test_a_light_weight_is_determined_where_its_controller_begins():
+    """Friction moves the integral through zero; the errors bend where the weight is taken up."""
+    case = drawn(54, torque=False)
+    estimate = identify(case.dynamics, case.record, progress=False)
+    assert estimate.fit.undetermined == ()
+    assert np.abs((estimate.fit.values - case.truth) / estimate.fit.std).max() < 3
 
 
 def test_a_logged_torque_determines_the_weight_of_a_log_from_the_middle():
