@@ -75,14 +75,15 @@ def with_memory(problem: Problem, fitted: Callable[[Problem], Outcome]) -> Outco
     if began.fit.covariance is None or resumed.fit.gains is None:
         return resumed
 
-    # 3. The likelier hypothesis stays until the log refutes it. In both the arm's position and speed
-    # at the first sample are unknown, within a count.
+    # 3. The likelier hypothesis stays until the log refutes it. In both the arm's position and
+    # speed at the first sample are unknown, within a count.
     stated = tuple(
         None if memory is None else Memory.known(law.state)
         for law, memory in zip(laws, memories, strict=True)
     )
     began_near = replace(problem, memories=stated)
-    # A controller that had been moving the arm was at work; else the simpler hypothesis is likelier.
+    # A controller that had been moving the arm was at work; else the simpler hypothesis is the
+    # likelier one.
     running = any(map(in_motion, problem.objective.records))
     # Where no reading tells, neither is simpler: the state lies where the law keeps it at work.
     running |= bool(resumed.fit.undetermined) and any(
@@ -110,8 +111,8 @@ def with_starts(problem: Problem) -> Problem:
 def _refuted(fresh, began, resumed, memories, *, running):
     """Whether a log refutes that its laws started with it; `running`: whether they had been at work.
 
-    A weight and the integral of a vertical slide fit the log in either case. So a law that had been
-    at work keeps its unknown state, unless the search for it ended much too early.
+    A weight and the integral of a vertical slide fit the log in either case. So a law that had
+    been at work keeps its unknown state, unless the search for it ended much too early.
 
     Both hypotheses are compared at the same observer gains: these are searched, and may end
     elsewhere for a reason that is not the state of the law.
