@@ -109,7 +109,7 @@ def with_starts(problem: Problem) -> Problem:
 
 
 def _refuted(fresh, began, resumed, memories, *, running):
-    """Whether a log refutes that its laws started with it; `running`: whether they had been at work.
+    """Whether a log refutes that its laws started with it; `running`: had they been at work.
 
     A weight and the integral of a vertical slide fit the log in either case. So a law that had
     been at work keeps its unknown state, unless the search for it ended much too early.
