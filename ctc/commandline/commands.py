@@ -29,6 +29,7 @@ from ctc.report.report import write_report
 from ctc.tuning.tune import tune
 from ctc.verdict.evaluations import evaluate
 from identification import Identification, fit_torque, identify
+from identification.replay.experiment import as_records
 from identification.results.summary import doubts
 from plant import Dynamics
 from plant.checkup.hypothesis import Cause
@@ -202,8 +203,8 @@ def run_fit_torque(options: Namespace) -> Answer:
     records = records_of(options.logs, robot, options.cut)
     held_out = records_of(options.held_out, robot, options.cut) if options.held_out else ()
     dynamics = cast(Dynamics, robot.dynamics)
-    # The command names numbers beside f; the function wants all unknowns.
-    unknown = options.unknown and (*dynamics.names, *options.unknown)
+    # The command names numbers beside f, or words for several; the function wants all names.
+    unknown = options.unknown and as_records(dynamics, records, options.unknown)[1]
     fit = fit_torque(dynamics, records, unknown=unknown, prior=options.prior)
     # The error of the fit's own logs comes before that of others: the two are compared.
     errors = {record.name: fit.error_on(record, band=options.band) for record in records}

@@ -36,14 +36,18 @@ class GainUnitSettings:
     unexplained, unmoved : float
         Shares of the torque of the stated law that the logged torque, or the motion, leaves
         unexplained, below which the gains are not examined.
-    inertia : float
-        Inertia at the motor [rotor inertias] up to which they are not.
+    least_inertia, inertia : float
+        Inertias at the motor [rotor inertias] between which they are not, either.
+    deviations : float
+        Standard deviations by which an estimated inertia must lie outside.
     """
 
     least: float = 50.0
     unexplained: float = 0.05
     unmoved: float = 2e-3
+    least_inertia: float = 0.5
     inertia: float = 60.0
+    deviations: float = 4.0
 
 
 SETTINGS = GainUnitSettings()
@@ -192,9 +196,13 @@ def _by_torque(experiment: Experiment, gain: str, joints: Joints, size: float) -
     ):
         return -np.inf
     stated, corrected = (
-        np.log(_unexplained(compared.logged, torque) + SCORE.steps)
+        _unexplained(compared.logged, torque)
         for torque in (compared.law.torque, _without(compared.law, gain, joints, size))
     )
+    # A factor that is no unit's leaves as much: another row, or none, has it.
+    if (corrected[list(joints) or slice(None)] > SETTINGS.unexplained).any():
+        return -np.inf
+    stated, corrected = (np.log(share + SCORE.steps) for share in (stated, corrected))
     gained = compared.equations / 2 * float((stated - corrected).sum())
     if gained > 0:
         # The torques of samples tell more than the smoothed ones.
@@ -244,9 +252,9 @@ def _unexplained(logged, torque):
 
 # -- without one -----------------------------------------------------------------------------------
 def _with_torque_of_law(experiment: Experiment) -> Experiment | None:
-    """The beginning of the log with the stated law's torque as the logged one; None if plausible.
+    """The beginning of the log with the stated law's torque as the logged one.
 
-    Plausible is a torque that the motion explains, with an inertia that a motor can have.
+    None where the log is too short.
     """
     along = experiment.once("law along log", _along_log)
     if along is None:
@@ -256,14 +264,22 @@ def _with_torque_of_law(experiment: Experiment) -> Experiment | None:
     # A filter of the law begins at rest: its first samples are another motion's.
     record = experiment.record.cut(times[signals.window], times[-1])
     stated = Experiment(_driven(record, experiment, along.torque))
-    if not stated.long_enough or stated.motions is None:
-        return None
-    rotors = np.maximum(record.rig.drive.motor_inertia, np.finfo(float).tiny)
-    plausible = all(
-        motion.unexplained < SETTINGS.unmoved and 0.5 < motion.inertia / rotor < SETTINGS.inertia
-        for motion, rotor in zip(stated.motions, rotors, strict=True)
-    )
-    return None if plausible else stated
+    return stated if stated.long_enough and stated.motions is not None else None
+
+
+def _plausible(stated: Experiment, law: Any, gain: str, joints: Joints) -> bool:
+    """Whether the torque of the stated law moves a motor of these joints, or of any of all."""
+    if any(motion.unexplained >= SETTINGS.unmoved for motion in stated.motions):
+        return False
+    # One of several gains in another unit gives a torque that no inertia explains.
+    if _names(law, "gains") and gain != "gains":
+        return True
+    rotors = np.maximum(stated.record.rig.drive.motor_inertia, np.finfo(float).tiny)
+    least, largest = SETTINGS.least_inertia * rotors, SETTINGS.inertia * rotors
+    margin = SETTINGS.deviations * np.array([motion.inertia_std for motion in stated.motions])
+    inertia = np.array([motion.inertia for motion in stated.motions])
+    possible = (least < inertia + margin) & (inertia - margin < largest)
+    return bool(possible[list(joints) or slice(None)].any())
 
 
 def _driven(record, experiment, torque):
@@ -280,10 +296,14 @@ def _driven(record, experiment, torque):
 def _by_motion(experiment: Experiment, gain: str, joints: Joints, size: float) -> float:
     """How much likelier the motion is with the law's torque without a mistake of this size."""
     stated = experiment.once("torque of law", _with_torque_of_law)
-    if stated is None:
+    if stated is None or _plausible(stated, experiment.record.law, gain, joints):
+        return -np.inf
+    along = experiment.once("law along log", _along_log)
+    driven = _driven(stated.record, experiment, _without(along, gain, joints, size))
+    corrected = stated.changed(driven)
+    # A factor that is no unit's gives a motor that cannot be, either.
+    if not _plausible(corrected, experiment.record.law, "gains", joints):
         return -np.inf
     if not experiment.record.law.has_memory(experiment.n):
         return by_friction(experiment, other_gains(gain)(experiment.record, joints, size))
-    along = experiment.once("law along log", _along_log)
-    driven = _driven(stated.record, experiment, _without(along, gain, joints, size))
-    return stated.changed(driven).score - stated.score
+    return corrected.score - stated.score

@@ -60,6 +60,10 @@ class Trials:
                     gain = max(gain, undone.score - experiment.score)
             odds = gain - hypothesis.against
             words = {**names, "inverse": 1 / size if size else np.inf}
+            # A sentence that asks for another word fails here, where its row can be named.
+            (hypothesis.sentence + hypothesis.remedy).format(
+                joint="", other="", value=size, **words
+            )
             yield Candidate(hypothesis, joints, size, odds, partial(changed, size), words)
 
     def _scored(self, experiment, hypothesis, joints, changed):

@@ -48,3 +48,11 @@ def test_one_joint_of_two_is_named():
 @pytest.mark.parametrize("seed", [0, 1, 3, 4, 6])
 def test_right_gains_are_not_accused(seed, torque):
     assert not drawn(seed, torque=torque).record.check().causes
+
+
+@pytest.mark.parametrize("torque", [False, True])
+def test_a_gain_that_is_wrong_by_no_unit_s_factor_is_in_no_other_unit(torque):
+    record = drawn(0, torque=torque).record
+    law = dataclasses.replace(record.law, gain=5 * record.law.gain)
+    causes = dataclasses.replace(record, law=law).check().causes
+    assert not any(cause.name.startswith("unit of") for cause in causes)

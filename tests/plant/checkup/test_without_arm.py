@@ -237,7 +237,18 @@ def test_hypotheses_that_fail_or_change_nothing_are_named_and_the_others_go_on(r
         Hypothesis(name="nothing", undo=lambda record, joints, size: record, **words),
         Hypothesis(name="refused", undo=refuse, **words),
         Hypothesis(name="broken", undo=broken, **words),
+        Hypothesis(
+            name="misspelt",
+            undo=lambda record, joints, size: with_torque(record, 2 * record.torque),
+            sentence="The torque is {size:g} times too large",
+            remedy="Halve it.",
+        ),
     ]
     checkup = with_torque(record, -record.torque).check(hypotheses=own)
     assert checkup.causes[0].name == "turned torque of all joints"
-    assert [line.partition(":")[0] for line in checkup.failed] == ["nothing", "refused", "broken"]
+    assert [line.partition(":")[0] for line in checkup.failed] == [
+        "nothing",
+        "refused",
+        "broken",
+        "misspelt",
+    ]
