@@ -269,15 +269,16 @@ def _with_torque_of_law(experiment: Experiment) -> Experiment | None:
 
 def _plausible(stated: Experiment, law: Any, gain: str, joints: Joints) -> bool:
     """Whether the torque of the stated law moves a motor of these joints, or of any of all."""
-    if any(motion.unexplained >= SETTINGS.unmoved for motion in stated.motions):
+    motions = stated.motions
+    if motions is None or any(motion.unexplained >= SETTINGS.unmoved for motion in motions):
         return False
     # One of several gains in another unit gives a torque that no inertia explains.
     if _names(law, "gains") and gain != "gains":
         return True
     rotors = np.maximum(stated.record.rig.drive.motor_inertia, np.finfo(float).tiny)
     least, largest = SETTINGS.least_inertia * rotors, SETTINGS.inertia * rotors
-    margin = SETTINGS.deviations * np.array([motion.inertia_std for motion in stated.motions])
-    inertia = np.array([motion.inertia for motion in stated.motions])
+    margin = SETTINGS.deviations * np.array([motion.inertia_std for motion in motions])
+    inertia = np.array([motion.inertia for motion in motions])
     possible = (least < inertia + margin) & (inertia - margin < largest)
     return bool(possible[list(joints) or slice(None)].any())
 
