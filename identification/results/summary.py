@@ -223,8 +223,9 @@ def _noise_of_torque(result: Any) -> Iterator[Piece]:
     fit = result.fit
     if fit.torque_noise is None or not fit.torque_noise.any():
         return
-    # A model that follows the torque closer than its noise allows: the controller chatters so.
-    if fit.rms_innovation is not None and fit.noise_innovation > fit.rms_innovation:
+    # A model that follows the torque far closer than noise of this size would allow: the
+    # controller chatters so, and the arm feels it.
+    if fit.rms_innovation is not None and fit.noise_innovation > 3 * fit.rms_innovation:
         return
     drive = result.rig.drive
     labels = result.arm.dynamics.chain.joint_labels

@@ -346,7 +346,11 @@ def model_evidence(experiment: Experiment, joints: Joints) -> Iterator[tuple[flo
     for i, (commanded, difference) in enumerate(differences):
         motion, logged, equation = measured[i], motions[i], equations[i]
         # Beside the size of the torque, so that units do not count.
-        unit = np.std(commanded) / max(np.std(commanded + difference), np.finfo(float).tiny)
+        size = np.std(commanded + difference)
+        # A torque that hardly changes, as at the amplifier's limit, is no model's.
+        if size < _CONSTANT * np.std(commanded):
+            return
+        unit = np.std(commanded) / size
         friction, std = unit * logged.coulomb, unit * logged.coulomb_std
         if not friction < _FRICTIONLESS * motion.coulomb + 2 * std:
             return
@@ -360,6 +364,10 @@ def model_evidence(experiment: Experiment, joints: Joints) -> Iterator[tuple[flo
 # Dry friction of a torque over that of the law's, below which it has none, since drives are
 # modelled with half their friction; and the standard deviations that make the law's significant.
 _FRICTIONLESS, _CERTAIN = 0.2, 3.0
+
+# Share of the law's torque below which a logged torque is constant: gear and gain are no factor of
+# a million.
+_CONSTANT = 1e-6
 
 
 def viscous_evidence(experiment: Experiment, joints: Joints) -> Any:

@@ -190,11 +190,8 @@ def test_no_method_blames_a_healthy_log_whose_loop_hunts(method):
         warnings.simplefilter("ignore", IdentificationWarning)
         found = identify(arm.dynamics, record, method=method, progress=False)
     told = found.diagnostics
-    # Output error comes to the right values since it is searched for once more with the stated
-    # rotors, or near them.
-    if method in ("seeded", "prediction_error") or (
-        method == "output_error" and np.isnan(told.closest)
-    ):
+    # The rough methods may come near enough to the right values.
+    if method in ("seeded", "prediction_error") or np.isnan(told.closest):
         assert found.warnings == []
         assert told.expected < told.limit
         assert told.difference < told.limit

@@ -343,7 +343,7 @@ TABLE = {"t": T, "q": ANGLE, "u": np.full((N, 2), 20.0), "c": COUNTS, "s": np.fu
             r"current in 'A' reaches 2000 .* 'mA' would fit",
         ),
         (lambda: record(TABLE, COLUMNS, {"t": "s"}), r"units must state that of 'position'; got none"),
-        (lambda: record(TABLE, COLUMNS, {"t": "s", "position": "grad"}), "unit of 'position' must be one of .*'rad'"),
+        (lambda: record(TABLE, COLUMNS, {"t": "s", "position": "grad"}), "unit of 'position' must be 'deg' or 'gon'; got 'grad'"),
         (lambda: record(TABLE, COLUMNS, {"t": "s", "postion": "rad"}), "Did you mean 'position'"),
         (lambda: record(TABLE, {"t": "t", "pos": "q"}, {"t": "s"}), "what a column is mapped to must be one of"),
         (lambda: record(TABLE, {"t": "t"}, {"t": "s"}), "columns must hold exactly one of position"),
