@@ -22,7 +22,7 @@ import numpy as np
 
 from plant import Chain, Dynamics, Placement, check_model
 
-sys.path.insert(0, str(Path(__file__).parent))
+sys.path.append(str(Path(__file__).parent))
 
 MOMENTS = ("ixx", "iyy", "izz")
 KEYS = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
