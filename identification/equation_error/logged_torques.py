@@ -247,8 +247,7 @@ def _judged(task: TorqueEquations, fit: TorqueFit, width: float) -> TorqueFit:
     error = None
     # A log may be too short for the band that all errors are compared in.
     with contextlib.suppress(ValueError):
-        extra_values = {name: (column, fit[name]) for name, column in task.extra.items()}
-        error = error_of_logs(fit.arm, machine, task.logs, extra=extra_values)
+        error = error_of_logs(fit.arm, machine, task.logs, further=fit.further)
     return replace(
         fit,
         path=log.path,

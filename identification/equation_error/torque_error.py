@@ -7,7 +7,7 @@ no model of the arm explains the torque there.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -24,7 +24,7 @@ from plant.parts.sums import norm
 BAND = 10.0
 
 # Further columns, and their values.
-Extra = Mapping[str, tuple[Callable[..., ArrayLike], float]]
+Further = Mapping[str, tuple[Callable[..., ArrayLike], float]]
 
 
 @frozen
@@ -74,6 +74,62 @@ class TorqueError(Shown, Frozen):
         return Table(("error of the torque", "relative", "rms [N m]"), rows)
 
 
+class Machine(Protocol):
+    """An arm with the friction and the springs of its rig, and further columns of its torque."""
+
+    @property
+    def arm(self) -> Arm: ...
+
+    @property
+    def rig(self) -> Rig: ...
+
+    @property
+    def further(self) -> Further: ...
+
+
+class PredictsTorque:
+    """A result with an arm and its rig, whose torque is compared with logs."""
+
+    @property
+    def further(self) -> Further:
+        """Further columns, and their values."""
+        return {}
+
+    def error_on(
+        self: Machine,
+        q: Any,
+        torque: Any = None,
+        *,
+        rig: Rig | None = None,
+        band: float | None = None,
+        least_speed: ArrayLike = 0.0,
+    ) -> TorqueError:
+        """Error of the torque on other logs, joint by joint, over all rows; gears are rigid.
+
+        Parameters
+        ----------
+        q, torque, rig
+            Records, or positions with torques and their rig, as `fit_torque` takes them.
+        band : float, optional
+            In which torques are compared [Hz]; by default 10, or less where the sample rate carries
+            less: the same for all fits, whatever their own band is.
+        least_speed : float or (n,) array_like, optional
+            Joint speed [rad/s] below which a joint does not count: near standstill friction carries
+            anything up to its level.
+
+        Returns
+        -------
+        TorqueError
+
+        Raises
+        ------
+        ValueError
+            Bad input; a band that the sample rate does not carry; a log without rows away from its
+            ends and gaps.
+        """
+        return torque_error(self.arm, self.rig, q, torque, rig, band, self.further, least_speed)
+
+
 def torque_error(
     arm: Arm,
     rig: Rig,
@@ -81,17 +137,17 @@ def torque_error(
     torque: Any = None,
     stated: Rig | None = None,
     band: float | None = None,
-    extra: Extra | None = None,
+    further: Further | None = None,
     least_speed: ArrayLike = 0.0,
 ) -> TorqueError:
     """Error of the torque of an arm with the friction and the springs of this rig.
 
     `q`, `torque`, `stated`: records, or positions with torques and the rig of the log, as
-    `fit_torque` takes them. `extra`: further columns, and their values. `least_speed`: one, or one
-    per joint [rad/s].
+    `fit_torque` takes them. `further`: further columns, and their values. `least_speed`: one, or
+    one per joint [rad/s].
     """
     logs = torque_logs(arm.dynamics, q, torque, stated)
-    return error_of_logs(arm, rig, logs, band, extra or {}, least_speed)
+    return error_of_logs(arm, rig, logs, band, further or {}, least_speed)
 
 
 def error_of_logs(
@@ -99,7 +155,7 @@ def error_of_logs(
     rig: Rig,
     logs: Sequence[TorqueLog],
     band: float | None = None,
-    extra: Extra | None = None,
+    further: Further | None = None,
     least_speed: ArrayLike = 0.0,
 ) -> TorqueError:
     """The same of logs."""
@@ -115,7 +171,7 @@ def error_of_logs(
         (arm.n,),
         advice="Give one speed, or one per joint [rad/s].",
     )
-    compared_logs = (_of_log(arm, rig, log, band, extra or {}, slowest) for log in logs)
+    compared_logs = (_of_log(arm, rig, log, band, further or {}, slowest) for log in logs)
     measured, error = zip(*compared_logs, strict=True)
     length, residual = np.concatenate(measured), np.concatenate(error)
     # Joints whose torque was measured in some log; rows of a log without it are NaN.
@@ -137,14 +193,14 @@ def error_of_logs(
 
 
 def _of_log(
-    arm: Arm, rig: Rig, log: TorqueLog, band: float, extra: Any, slowest: Floats
+    arm: Arm, rig: Rig, log: TorqueLog, band: float, further: Further, slowest: Floats
 ) -> tuple[Floats, Floats]:
     """Measured torque and error (N', n) in a band; NaN of a joint that does not count."""
     dynamics = arm.dynamics
     motion = derivatives(log.q, log.rig.period, CUTOFF * band)
     columns, known = regressor_along(dynamics, rig, dynamics.names, motion, loading=arm.f)
     predicted = (columns * arm.f).sum(axis=2) + known
-    for column, value in extra.values():
+    for column, value in further.values():
         predicted = predicted + value * np.asarray(column(*motion))
     # A column that was not measured would spread its NaN through the filter.
     missing = np.isnan(log.torque).all(axis=0)

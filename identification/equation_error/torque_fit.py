@@ -16,83 +16,27 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from identification.equation_error.band_choice import FitTrial
-from identification.equation_error.between_runs import ONE_LOG, BetweenRuns, between_runs
+from identification.equation_error.between_runs import BetweenRuns, between_runs
 from identification.equation_error.bounds import bounded, brakes
 from identification.equation_error.friction_trial import FrictionTrial
 from identification.equation_error.least_squares import (
-    NORMAL,
     SEGMENTS,
     at_least,
     covariance_of,
     group_std,
     least_squares,
 )
-from identification.equation_error.naming import short_names
 from identification.equation_error.regressor import Places, System
-from identification.equation_error.torque_error import TorqueError, torque_error
+from identification.equation_error.torque_error import Further, PredictsTorque, TorqueError
+from identification.equation_error.torque_summary import summary_of, warnings_of
 from plant import Arm, Dynamics, Reference, Rig
 from plant.checkup.hypothesis import Cause
-from plant.parts import (
-    Aside,
-    Bools,
-    Floats,
-    Frozen,
-    Integers,
-    Piece,
-    Shown,
-    Table,
-    Verdict,
-    Warned,
-    choice,
-    frozen,
-    frozen_settings,
-    instance,
-)
-from plant.parts.shown import inside
+from plant.parts import Floats, Frozen, Integers, Piece, Shown, choice, frozen
 from plant.parts.sums import norm, product
 
 
-@frozen_settings
-class TorqueWarningSettings:
-    """When a fit of the torque warns; chosen by hand.
-
-    Parameters
-    ----------
-    poor : float
-        Relative torque error above which something is wrong with the log rather than with the arm.
-    apart : float
-        Standard deviations of a log by which f, which is the arm's, may differ between logs.
-    doubted : float
-        Standard deviations by which a known number must differ from its estimate to be doubted.
-    different : float
-        Relative difference by which it must differ as well.
-    brakes : float
-        Standard deviations by which a free estimate of friction must be negative to be doubted: by
-        fewer, what the model lacks may make it so.
-    enough, clear : float
-        Share of the squared error on blocks kept aside, and standard errors, by which bodies of
-        the model must help to be advised: the rule of one standard error (Breiman). On halves of
-        the logs of a UR10, a Panda and a TIAGo, fitted in turn, the error of the torque on the
-        other half fell by 1 to 17 % wherever that was so, and by 1 % where it was not.
-    lines : int
-        Warnings that are given, the most basic ones: those after them may be their effects.
-    """
-
-    poor: float = 0.3
-    apart: float = 4.0
-    doubted: float = 5.0
-    different: float = 0.2
-    brakes: float = 8.0
-    enough: float = 0.05
-    clear: float = 1.0
-    lines: int = 3
-
-
-SETTINGS = TorqueWarningSettings()
-
-
 @frozen
-class TorqueFit(Shown, Frozen):
+class TorqueFit(PredictsTorque, Shown, Frozen):
     """Values of f and of linear numbers of the drive, fitted to torques.
 
     Attributes
@@ -207,41 +151,10 @@ class TorqueFit(Shown, Frozen):
         """Covariance (m, m) of numbers by their names; zero of numbers that were not fitted."""
         return covariance_of(names, self.names, self.covariance)
 
-    def error_on(
-        self,
-        q: Any,
-        torque: Any = None,
-        *,
-        rig: Rig | None = None,
-        band: float | None = None,
-        least_speed: ArrayLike = 0.0,
-    ) -> TorqueError:
-        """Error of the torque on other logs, joint by joint, over all rows.
-
-        Parameters
-        ----------
-        q, torque, rig
-            Records, or positions with torques and their rig, as `fit_torque` takes them.
-        band : float, optional
-            In which torques are compared [Hz]; by default 10, or less where the sample rate carries
-            less: the same for all fits, whatever their own band is.
-        least_speed : float or (n,) array_like, optional
-            Joint speed [rad/s] below which a joint does not count: near standstill friction carries
-            anything up to its level.
-
-        Returns
-        -------
-        TorqueError
-
-        Raises
-        ------
-        ValueError
-            Bad input; a band that the sample rate does not carry; a log without rows away from its
-            ends and gaps.
-        """
-        extra = {name: (column, self[name]) for name, column in self.extra.items()}
-        machine = instance("rig of the fit", self.rig, Rig, "Take a fit of fit_torque.")
-        return torque_error(self.arm, machine, q, torque, rig, band, extra, least_speed)
+    @property
+    def further(self) -> Further:
+        """Further columns, and their values."""
+        return {name: (column, self[name]) for name, column in self.extra.items()}
 
     @property
     def f(self) -> Floats:
@@ -266,111 +179,12 @@ class TorqueFit(Shown, Frozen):
         )
 
     def _shown(self) -> Iterator[Piece]:
-        summary = (
-            f"{self.rows} equations, relative torque error {self.relative_error:.2%}, condition"
-            f" {self.condition:.0f}"
-        )
-        yield Verdict(summary, not self.warnings)
-        yield Warned(self.warnings)
-        names = short_names(self.dynamics, self.names)
-        remarks = np.where(self._zero, ", zero within it", "").tolist()
-        rows = [
-            (name, f"{value:.5g}", f"+- {std:.2g}{remark}")
-            for name, value, std, remark in zip(names, self.values, self.std, remarks, strict=True)
-        ]
-        # Known numbers stand in the same table: beside the fitted ones they make up f.
-        rows += [(name, f"{value:.5g}", "known") for name, value in self._short_known()]
-        yield Table((), rows, words=(2,))
-        yield from (f"left out: {joint}, {why}" for joint, why in self.left_out.items())
-        yield from choices(self)
-        if self.rising is not None:
-            yield f"Coulomb friction is {self.rising}"
-        # A clear one is a warning already.
-        if self.friction and not self.friction[0].clear:
-            yield f"of other friction, the nearest to help is {self.friction[0]}"
-        yield from [ONE_LOG] if self.between is None else inside(self.between)
-        if self.error is not None:
-            yield from inside(self.error)
-        yield Aside("What the parameters mean", self.dynamics.legend.splitlines())
-
-    @property
-    def _zero(self) -> Bools:
-        """Which values (k,) are friction that may be none: zero lies in the 95 % interval."""
-        return brakes(self.names) & (np.abs(self.values) <= NORMAL * self.std)
-
-    def _short_known(self) -> list[tuple[str, float]]:
-        return list(zip(short_names(self.dynamics, self.known), self.known.values(), strict=True))
+        yield from summary_of(self)
 
     @property
     def warnings(self) -> list[str]:
         """Doubts about the fit, one line each, at most three: causes before their effects."""
-        # 1. The fit as a whole: an arm that cannot be explains all that follows.
-        # Friction brakes: a level that is clearly negative means a wrong sign or unit.
-        deviation = dict(zip(self.names, self.std, strict=True))
-        negative = [
-            name for name, value in self.free.items() if value < -SETTINGS.brakes * deviation[name]
-        ]
-        lines = [*(cause.line for cause in self.causes), *self.doubts]
-        if negative:
-            lines.append(
-                f"friction must not be negative; check signs and units ({', '.join(negative)})"
-            )
-        if self.relative_error > SETTINGS.poor:
-            lines.append(
-                f"{self.relative_error:.0%} of the torque is not explained; check units (rad, joint"
-                " side N m), signs and the order of the joints"
-            )
-        lines += [trial.advice for trial in self.friction[:1] if trial.clear]
-
-        better, errors = self.bodies
-        if better > SETTINGS.enough and errors > SETTINGS.clear:
-            lines.append(
-                "the logs leave part of f open; beside the model's own bodies blocks kept aside are"
-                f" predicted {better:+.0%} better ({errors:.1f} standard errors): give prior=0.3"
-            )
-
-        # 2. Logs that differ in numbers of the arm, which are the same in all of them.
-        # A single log has nothing to differ from.
-        apart = 0.0 if self.between is None else self.between.groups.get("f", 0.0)
-        if apart > SETTINGS.apart:
-            lines.append(
-                f"the logs differ in f by {apart:.2g} standard deviations of one: the model lacks"
-                " something, or a load (find_load), or another robot; fit each alone"
-            )
-
-        # 3. Stated numbers that the torques contradict: in their error, and in size.
-        for (label, value), name in zip(self._short_known(), self.known, strict=True):
-            estimate, std = self.freed.get(name, (value, 0.0))
-            # Both must hold: a precise estimate may differ significantly by a negligible amount.
-            size = max(abs(estimate), abs(value))
-            if abs(estimate - value) > max(SETTINGS.doubted * std, SETTINGS.different * size):
-                lines.append(
-                    f"{label} is stated as {value:.4g}, but these torques ask for {estimate:.4g} +-"
-                    f" {std:.2g}: check it, its unit and its sign"
-                )
-        return lines[: SETTINGS.lines]
-
-
-def choices(fit: TorqueFit) -> Iterator[Piece]:
-    """How band and least speeds were chosen; nothing where they were stated."""
-    if fit.bands:
-        yield (
-            f"band {fit.band:g} Hz, chosen by torques of segments left out, compared in narrower"
-            " bands:"
-        )
-        yield _trials(fit.bands)
-    if fit.least_speeds and fit.least_speed is not None:
-        speeds = ", ".join(f"{speed:.3g}" for speed in fit.least_speed)
-        yield f"least speeds {speeds} rad/s, chosen in the same way, compared at higher speeds:"
-        yield _trials(fit.least_speeds)
-
-
-def _trials(trials: Iterable[FitTrial]) -> Table:
-    return Table(
-        ("", "equations", "standard errors", "against", ""),
-        [trial.row for trial in trials],
-        words=(4,),
-    )
+        return warnings_of(self)
 
 
 def weighted(

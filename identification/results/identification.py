@@ -7,12 +7,12 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from identification.equation_error.law_memory import along_log
 from identification.equation_error.naming import short_names
 from identification.equation_error.restated import restated
-from identification.equation_error.torque_error import TorqueError, torque_error
+from identification.equation_error.torque_error import PredictsTorque
 from identification.planning.budget import pulse_budget
 from identification.results.assumed import Assumed, moved_by_lengths
 from identification.results.corrected import corrected
@@ -32,7 +32,7 @@ from plant.parts.shown import as_text
 
 @kept
 @frozen
-class Identification(Shown, Saved, Frozen):
+class Identification(PredictsTorque, Shown, Saved, Frozen):
     """Result of `identify`.
 
     Attributes
@@ -211,22 +211,6 @@ class Identification(Shown, Saved, Frozen):
             )
         # A value that was not varied has no error by noise.
         return np.where(self.fit.std > 0, budget.bound, 0.0)
-
-    def error_on(
-        self,
-        q: Any,
-        torque: Any = None,
-        *,
-        rig: Rig | None = None,
-        band: float | None = None,
-        least_speed: ArrayLike = 0.0,
-    ) -> TorqueError:
-        """Error of the torque on other logs, joint by joint, over all rows.
-
-        Arguments, result and errors are those of a torque fit's `error_on`, and so is the metric.
-        The arm is taken on rigid gears.
-        """
-        return torque_error(self.arm, self.rig, q, torque, rig, band, least_speed=least_speed)
 
     @functools.cached_property
     def explained(self) -> Floats:

@@ -50,13 +50,14 @@ def _widths(sign):
 
 def _amplitudes(sign):
     """Amplitudes of cogging, from the pairs ``cogging.6cos[i]`` and ``cogging.6sin[i]``."""
-    sizes = {
-        name: float(np.hypot(value, sign.values[name.replace("cos", "sin")]))
-        for name, value in sign.values.items()
-        if "cos" in name
-    }
+    sizes, visible = {}, {}
+    # A log may tell one of a pair alone.
+    for name, value in sign.values.items():
+        pair = name.replace("sin", "cos")
+        sizes[pair] = float(np.hypot(value, sizes.get(pair, 0.0)))
+        visible.setdefault(pair, sign.visible[name])
     # A motor below the detectable amplitude is noise, unless all are.
-    return {name: size for name, size in sizes.items() if size > sign.visible[name]} or sizes
+    return {name: size for name, size in sizes.items() if size > visible[name]} or sizes
 
 
 def _masses(sign):

@@ -23,10 +23,10 @@ from identification.equation_error.pulse_fit import equation_error as fit_pulses
 from identification.equation_error.pulse_fit import over_bands
 from identification.equation_error.regressor import SPRINGS, linear
 from identification.equation_error.torque_error import torque_error
-from identification.equation_error.torque_fit import SETTINGS as TORQUE_WARNINGS
 from identification.equation_error.torque_fit import TorqueFit
 from identification.equation_error.torque_logs import measured_torque
 from identification.equation_error.torque_noise import white_noise
+from identification.equation_error.torque_summary import SETTINGS as TORQUE_WARNINGS
 from identification.replay.experiment import RATES
 from identification.replay.gauss_newton import (
     Solution,

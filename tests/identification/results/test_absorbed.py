@@ -3,8 +3,10 @@
 import dataclasses
 
 import numpy as np
+import pytest
 
 from identification import identify, without_delay
+from identification.results.alternatives import Sign
 from identification.results.detection import Detection
 from plant import Chain, Drive, Dynamics, Encoder, Harmonics, Link, P, Rig, puma560, simulate
 
@@ -61,3 +63,18 @@ def test_a_delay_is_corrected_where_no_unknown_can_produce_it():
         found.warnings
     )
     assert not any(sign.absorbing for sign in found.diagnostics.detection.named)
+
+
+def test_cogging_of_which_the_log_tells_one_phase_alone_has_the_amplitude_of_that():
+    sign = Sign(
+        name="cogging",
+        chi_square=99.0,
+        freedom=3,
+        threshold=25.0,
+        explained=9.0,
+        values={"cogging.1cos[0]": 0.3, "cogging.1sin[0]": 0.4, "cogging.1sin[1]": -0.2},
+        visible={"cogging.1cos[0]": 0.1, "cogging.1sin[0]": 0.1, "cogging.1sin[1]": 0.1},
+    )
+    (cause,) = Detection(named=(sign,), joints=("slide", "swing")).causes
+    assert cause.size == pytest.approx(0.5)
+    assert cause.joints == (0, 1)
