@@ -35,6 +35,8 @@ class QuantisationSettings:
         coarser one.
     levels : int
         Different counts that show a step.
+    range : int
+        Range [pulses] whose spectrum is computed, at most: its transform takes 50 ms.
     geared : float
         Gear from which on counts within a pulse of its multiples are no coincidence: at most three
         in five of random counts are.
@@ -53,6 +55,7 @@ class QuantisationSettings:
     largest_line: float = 1.7
     finest: float = 1.43
     levels: int = 50
+    range: int = 500_000
     geared: float = 4.0
     noise: float = 0.6
     digits: int = 6
@@ -188,23 +191,23 @@ def comb(counts: Floats) -> tuple[float, bool]:
         return 1.0, False
     # A quantile, since single small steps may be glitches.
     smallest = np.quantile(steps[steps > 0], 0.02)
-    levels = np.unique(counts)
-    levels = levels[: 1 << 16] - levels[0]
-    # A fast motion shows no grid; a range of 5e7 counts would need too much memory.
-    if smallest > 50 or levels[-1] > 5e7:
+    levels = _densest(np.unique(counts))
+    # A fast motion shows no grid.
+    if smallest > 50 or len(levels) < SETTINGS.levels:
         return smallest, False
     length = 1 << int(np.ceil(np.log2(4 * levels[-1] + 8)))
     visited = np.zeros(length)
     visited[levels.astype(int)] = 1
     power = np.abs(np.fft.rfft(visited)) / len(levels)
-    frequency = np.arange(len(power)) / length
+    lines = np.flatnonzero(power > SETTINGS.line_noise / np.sqrt(len(levels)))
+    power = power[lines]
+    frequency = lines / length
 
     # 2. Lines of a comb. One with a step between 1 and 2 pulses lies beyond half a cycle per count
     # and is folded back.
     for unfolded in (frequency, 1 - frequency):
         step = 1 / np.maximum(unfolded, 1e-9)
         allowed = (step >= SETTINGS.finest) & (step <= smallest + 1)
-        allowed &= power > SETTINGS.line_noise / np.sqrt(len(levels))
         # Rounding again attenuates the line of a fine step by this sinc.
         line = power / np.sinc(np.minimum(1 / step, 1 / SETTINGS.finest))
         line = np.where(allowed & (line < SETTINGS.largest_line), line, 0)
@@ -218,6 +221,13 @@ def comb(counts: Floats) -> tuple[float, bool]:
             if np.mean(np.diff(levels) < np.floor(period + 0.01)) < 0.01:
                 return period, True
     return 1.0, True
+
+
+def _densest(levels):
+    """The levels (L,) from zero on of the range `SETTINGS.range` that has most of them."""
+    end = np.searchsorted(levels, levels + SETTINGS.range)
+    begin = np.argmax(end - np.arange(len(levels)))
+    return levels[begin : end[begin]] - levels[begin]
 
 
 def _noise(signals, i):

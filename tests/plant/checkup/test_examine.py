@@ -747,6 +747,21 @@ def test_comb_finds_the_step_of_any_swing(step, phase, rate):
     assert abs(found - step) < 0.02 * step
 
 
+def test_comb_of_a_slow_log_of_a_fine_encoder_takes_no_long_transform(monkeypatch):
+    """Ten readings a second over forty turns of 20 bits: 4e7 counts, of which few are near."""
+    lengths = []
+    transform = np.fft.rfft
+    monkeypatch.setattr(np.fft, "rfft", lambda x: lengths.append(len(x)) or transform(x))
+    swing = 2e7 * np.sin(np.linspace(0, 30, 605))
+    rests = np.arange(0, 605, 20)
+    swing[rests] = swing[rests - 1] + 3
+    comb(np.round(swing))
+    # A longer log that creeps somewhere still shows its step.
+    found, clear = comb(8 * np.round(2e7 / 8 * np.linspace(-1, 1, 40_000) ** 7))
+    assert (clear, found) == (True, pytest.approx(8, rel=0.01))
+    assert max(lengths) <= 1 << 21
+
+
 def columns(kind, N, n):
     random = np.random.default_rng(N + n)
     values = {
