@@ -252,7 +252,9 @@ def _by_direction(dynamics, searched, validation, unknown):
     if not torques or drive.curve is not None or "coulomb" not in drive.left_open:
         return searched, validation, unknown
     try:
-        fit = fit_torque(dynamics, searched, unknown=linear(dynamics, searched[0].rig, unknown))
+        # The friction alone: it does not depend on a prior of f.
+        equations = linear(dynamics, searched[0].rig, unknown)
+        fit = fit_torque(dynamics, searched, unknown=equations, prior=False)
     except ValueError:
         # Torques that give no fit say nothing of friction; the methods say why.
         return searched, validation, unknown

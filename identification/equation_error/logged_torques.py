@@ -113,9 +113,10 @@ def fit_torque(
     joints : sequence of int or str, optional
         The joints whose torques are used, by place or label. By default all but those of which the
         torque is missing or one constant throughout, log by log.
-    prior : float, or tuple of bodies or f and a float, optional
+    prior : float, tuple of bodies or f and a float, or False, optional
         Relative spread of the chain's own bodies, or of others, or of f, as `identify` takes it:
-        for what the logs do not excite.
+        for what the logs do not excite. By default the chain's own bodies to 0.3, and only where
+        they predict blocks kept aside better; False for none.
 
     Returns
     -------
@@ -139,7 +140,8 @@ def fit_torque(
     >>> print(fit_torque(puma560.dynamics(), record).relative_error < 0.2)
     True
     """
-    task = equations_of(dynamics, q, torque, rig, unknown, extra, known, joints, prior)
+    given = None if prior is False else prior
+    task = equations_of(dynamics, q, torque, rig, unknown, extra, known, joints, given)
     # All arguments are checked before the first fit, which takes seconds.
     stated = _weights(weights, task)
     slowest = _slowest(least_speed, task.dynamics.n)
@@ -191,10 +193,15 @@ def fit_torque(
         )
         report["freed"] = dict(_freed(task, selection, stated, thin))
         fit = task.fit(selection, stated, thin=thin, extra=task.extra, **report)
-        fit = replace(fit, covariance=fit.covariance * np.outer(wider, wider))
+        if prior is None:
+            better, errors = _beside_bodies(task, fit, selection._replace(every=None))
+            report["bodies"] = better, errors
+            if better > EQUATIONS.better and errors > EQUATIONS.errors:
+                task = replace(task, prior=Prior.of_model(dynamics, task.logs[0].rig))
+                fit = task.fit(selection, stated, thin=thin, extra=task.extra, **report)
+        fit = replace(fit, covariance=fit.covariance * np.outer(wider, wider), **report)
         friction = friction_of(task, fit, selection._replace(every=None), by_user)
-        bodies = _beside_bodies(task, fit, selection._replace(every=None))
-        return replace(_judged(task, fit, width), friction=friction, bodies=bodies)
+        return replace(_judged(task, fit, width), friction=friction, prior=task.prior)
     except NotIdentifiableError as error:
         # Of all names at once: the error knows the first that depends on others.
         advice = _advice(*task.systems(selection), left_out)
@@ -206,9 +213,9 @@ def _beside_bodies(
 ) -> tuple[float, float]:
     """Gain of a prior of the chain's own bodies on blocks kept aside: relative, standard errors.
 
-    NaN without bodies, or where there is a prior already.
+    NaN without bodies.
     """
-    prior = Prior.of_model(task.dynamics, task.logs[0].rig) if task.prior is None else None
+    prior = Prior.of_model(task.dynamics, task.logs[0].rig)
     if prior is None:
         return np.nan, np.nan
     # Only of logs that tell less of some parameter than the bodies do.

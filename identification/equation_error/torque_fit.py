@@ -26,6 +26,7 @@ from identification.equation_error.least_squares import (
     group_std,
     least_squares,
 )
+from identification.equation_error.prior import Prior
 from identification.equation_error.regressor import Places, System
 from identification.equation_error.torque_error import Further, PredictsTorque, TorqueError
 from identification.equation_error.torque_summary import summary_of, warnings_of
@@ -87,8 +88,10 @@ class TorqueFit(PredictsTorque, Shown, Frozen):
         Coulomb friction that rises with speed, as fitted, where blocks kept aside ask for it.
     bodies : (float, float)
         How much less the squared error on blocks kept aside is beside the chain's own bodies as a
-        prior (``prior=0.3``): share, and standard errors; NaN without such bodies, and where the
-        logs alone tell more of all f.
+        prior: share, and standard errors; NaN without such bodies, where the logs alone tell more
+        of all f, and of a stated prior.
+    prior : Prior or None
+        Of f: the stated one, or the chain's own bodies where blocks kept aside ask for them.
     causes : tuple of Cause
         Mistakes in columns or gravity that contradict the equation of motion, whatever f is; the
         likeliest first.
@@ -129,6 +132,7 @@ class TorqueFit(PredictsTorque, Shown, Frozen):
     friction: tuple[FrictionTrial, ...] = ()
     rising: FrictionTrial | None = None
     bodies: tuple[float, float] = (np.nan, np.nan)
+    prior: Prior | None = None
     causes: tuple[Cause, ...] = ()
     doubts: tuple[str, ...] = ()
     free: Mapping[str, float] = field(default_factory=dict)

@@ -31,11 +31,6 @@ class TorqueWarningSettings:
     brakes : float
         Standard deviations by which a free estimate of friction must be negative to be doubted: by
         fewer, what the model lacks may make it so.
-    enough, clear : float
-        Share of the squared error on blocks kept aside, and standard errors, by which bodies of
-        the model must help to be advised: the rule of one standard error (Breiman). On halves of
-        the logs of a UR10, a Panda and a TIAGo, fitted in turn, the error of the torque on the
-        other half fell by 1 to 17 % wherever that was so, and by 1 % where it was not.
     lines : int
         Warnings that are given, the most basic ones: those after them may be their effects.
     """
@@ -45,8 +40,6 @@ class TorqueWarningSettings:
     doubted: float = 5.0
     different: float = 0.2
     brakes: float = 8.0
-    enough: float = 0.05
-    clear: float = 1.0
     lines: int = 3
 
 
@@ -74,6 +67,10 @@ def summary_of(fit: Any) -> Iterator[Piece]:
     yield from _choices(fit)
     if fit.rising is not None:
         yield f"Coulomb friction is {fit.rising}"
+    better, errors = fit.bodies
+    if fit.prior is not None:
+        gained = f": blocks kept aside {better:+.0%} better ({errors:.1f} standard errors)"
+        yield f"f has a prior of spread {fit.prior.spread:g}{gained * np.isfinite(better)}"
     # A clear one is a warning already.
     if fit.friction and not fit.friction[0].clear:
         yield f"of other friction, the nearest to help is {fit.friction[0]}"
@@ -133,13 +130,6 @@ def warnings_of(fit: Any) -> list[str]:
             " side N m), signs and the order of the joints"
         )
     lines += [trial.advice for trial in fit.friction[:1] if trial.clear]
-
-    better, errors = fit.bodies
-    if better > SETTINGS.enough and errors > SETTINGS.clear:
-        lines.append(
-            "the logs leave part of f open; beside the model's own bodies blocks kept aside are"
-            f" predicted {better:+.0%} better ({errors:.1f} standard errors): give prior=0.3"
-        )
 
     # 2. Logs that differ in numbers of the arm, which are the same in all of them.
     # A single log has nothing to differ from.

@@ -218,9 +218,10 @@ def kr300(folder):
     def blocks(part):
         position = sign * (np.radians(table[f"y_{part}"].T) + KR300_HOME)
         torque = sign * KR300_GEAR * table[f"u_{part}"].T
-        t = 0.1 * np.arange(KR300_BLOCK)
         parts = len(position) // KR300_BLOCK
         pairs = zip(np.split(position, parts), np.split(torque, parts), strict=True)
-        return [record_of(t, q, tau, rig) for q, tau in pairs]
+        # A row of this file has the torque and the angle of one row later: a model is to predict.
+        t = 0.1 * np.arange(KR300_BLOCK - 1)
+        return [record_of(t, q[:-1], tau[1:], rig) for q, tau in pairs]
 
     return Log(dynamics, blocks("train"), blocks("test"), extra)

@@ -4,12 +4,13 @@
 
 DATA is the folder of the logs, one folder inside per set (`public_logs.py` names the files). A set
 that lacks a file is named, and the others go on. "default" is one call with the records of the
-set's own split, "advised" the call again with what the library itself advised. Errors of torques
-are `fit.error_on(kept)`: all rows, low-pass of 10 Hz or what the sample rate carries. Intervals
+set's own split, "advised" the call again with what the library itself advised, warning by warning.
+Errors of torques are `fit.error_on(kept)`: all rows, low-pass of 10 Hz or what the sample rate
+carries; "moving" counts a joint only where it is faster than a tenth of its usual speed. Intervals
 agree where two values differ by less than the root of the sum of their squared half-widths, of two
-fits of disjoint records. With --arms each log of torques is identified as well, and the arm driven
-along the log by computed torque.
-With --write the rows become docs/scoreboard.md.
+fits of disjoint records; those that do not are listed beside what a fit of both records says. With
+--arms each log of torques is identified as well, and the arm driven along the log by computed
+torque. With --write the rows become docs/scoreboard.md, where those of other logs stay.
 """
 
 import argparse
@@ -23,6 +24,7 @@ from pathlib import Path
 import numpy as np
 import public_logs
 from public_logs import Log
+from simulated_logs import closed_loop, forward
 
 from ctc import ComputedTorque
 from identification import fit_torque, identify
@@ -38,7 +40,10 @@ HALF_WIDTH = 1.96
 
 @dataclasses.dataclass(frozen=True)
 class Row:
-    """One line of the table; texts, as they are shown."""
+    """One line of the table; texts, as they are shown.
+
+    `warnings`: rows of the table of advice. `apart`: rows of the table of intervals.
+    """
 
     name: str
     metric: str
@@ -47,6 +52,8 @@ class Row:
     advised: str = "nothing advised"
     seconds: float = np.nan
     agreement: str = ""
+    warnings: tuple[tuple[str, ...], ...] = ()
+    apart: tuple[tuple[str, ...], ...] = ()
 
     @property
     def cells(self):
@@ -56,54 +63,86 @@ class Row:
 
 
 HEADS = ("log", "metric", "published", "default call", "as advised", "s", "intervals that agree")
+WARNING_HEADS = ("log", "warning", "error before", "obeyed")
+APART_HEADS = ("log", "intervals that disagree", "a fit of both records", "disagree beside that")
 
 
 # -- torques -------------------------------------------------------------------------------------
-def advised(log: Log, fit):
-    """The fit again with what its warnings advise: friction of another kind, bodies of the model.
-
-    None where they advise nothing of either.
-    """
-    better, stated, prior = None, {}, None
+def obeyed(log: Log, fit):
+    """Each friction that a fit advises, and the fit that states it."""
     # A second kind may show once the first is there; more are no advice that one follows.
     for _ in range(3):
-        if any("prior=" in line for line in fit.warnings) and prior is None:
-            prior = 0.3
-        elif fit.friction and fit.friction[0].advice in fit.warnings:
-            try:
-                stated = {"drive": fit.friction[0].drive(fit.rig.drive)}
-            except ValueError:
-                # A second Stribeck speed cannot be stated.
-                break
-        else:
-            break
+        if not fit.friction or fit.friction[0].advice not in fit.warnings:
+            return
+        trial = fit.friction[0]
+        try:
+            drive = trial.drive(fit.rig.drive)
+        except ValueError:
+            # A second Stribeck speed cannot be stated.
+            return
         records = [
-            dataclasses.replace(r, rig=dataclasses.replace(r.rig, **stated)) for r in log.fitted
+            dataclasses.replace(r, rig=dataclasses.replace(r.rig, drive=drive)) for r in log.fitted
         ]
         # What a stated drive leaves open is named; else the fit finds it again.
-        names = fit.names[: len(fit.names) - len(log.extra)] if stated else None
-        fit = better = fit_torque(
-            log.dynamics, records, unknown=names, extra=log.extra, prior=prior
-        )
-    return better
+        names = fit.names[: len(fit.names) - len(log.extra)]
+        fit = fit_torque(log.dynamics, records, unknown=names, extra=log.extra)
+        yield trial.advice, fit
 
 
-def agreement(first, second):
-    """How many intervals of two fits agree, of those that both have."""
+def advice_of(name, log, fit):
+    """The last fit that obeys warnings, or None, and a row per warning."""
+    before = percent(fit.error_on(log.kept))
+    steps = list(obeyed(log, fit))
+    lines = [line for line in fit.warnings if line not in dict(steps)]
+    # Most ask for something that a log does not have.
+    rows = [(name, line, before, "another log") for line in lines]
+    for line, better in steps:
+        after = percent(better.error_on(log.kept))
+        rows.append((name, line.partition(":")[0], before, after))
+        before = after
+    return (steps[-1][1] if steps else None), tuple(rows)
+
+
+def apart(first, second, short):
+    """Names of the intervals of two fits that do not agree, and how many both have."""
     names = [name for name in first.names if name in second.names]
-    values, widths = (
-        np.array([get(fit, name) for name in names for fit in (first, second)]).reshape(-1, 2)
-        for get in (
-            lambda fit, name: fit[name],
-            lambda fit, name: HALF_WIDTH * fit.std[fit.names.index(name)],
-        )
+    disagree = {}
+    for name in names:
+        widths = [HALF_WIDTH * fit.std[fit.names.index(name)] for fit in (first, second)]
+        ratio = abs(first[name] - second[name]) / np.hypot(*widths)
+        if ratio >= 1:
+            disagree[short.get(name, name)] = ratio
+    return disagree, len(names)
+
+
+def between(log, fit):
+    """What a fit of the fitted records and those kept aside says, and what disagrees beside it."""
+    both = fit_torque(log.dynamics, [*log.fitted, *log.kept], extra=log.extra,
+                      band=[fit.band], least_speed=fit.least_speed)  # fmt: skip
+    compared = both.between
+    parts = [f"{name} {share:.2g}" for name, share in compared.groups.items() if share > 0]
+    # The deviation between logs, which the fit of both has found, is in each interval.
+    widths = compared.half_width
+    outside = np.ptp(compared.values, axis=0) > np.sqrt(np.sum(widths**2, axis=0))
+    count = int((outside & compared.compared).sum()) if len(widths) == 2 else None
+    rest = (
+        f"{(~compared.agree & compared.compared).sum()} by Cochran's test"
+        if count is None
+        else (f"{count} of {compared.compared.sum()}")
     )
-    agree = np.abs(values[:, 0] - values[:, 1]) < np.hypot(*widths.T)
-    return f"{agree.sum()} of {len(agree)}"
+    return f"{compared._short()}; differences: {', '.join(parts) or 'none'}", rest
 
 
 def percent(error):
     return f"{100 * error.total:.2f} %"
+
+
+def moving(fit, log):
+    """Speeds below which a joint stands: a tenth of its usual speed in the logs kept aside."""
+    speeds = [
+        np.gradient(record.rig.cell_centre(record.counts), record.t, axis=0) for record in log.kept
+    ]
+    return 0.1 * np.sqrt(np.mean(np.concatenate(speeds) ** 2, axis=0))
 
 
 def torques(name, log, published, part="second half"):
@@ -112,29 +151,43 @@ def torques(name, log, published, part="second half"):
     fit = fit_torque(log.dynamics, log.fitted, extra=log.extra)
     seconds = time.perf_counter() - began
     error = fit.error_on(log.kept)
+    slowest = moving(fit, log)
+
+    def shown(one):
+        moves = one.error_on(log.kept, least_speed=slowest)
+        return f"{percent(one.error_on(log.kept))} (moving {percent(moves)})"
+
     metric = f"relative error of the torque on the {part}, {error.band:.3g} Hz"
-    obeyed = advised(log, fit)
+    better, warned = advice_of(name, log, fit)
     other = fit_torque(log.dynamics, log.kept, extra=log.extra)
-    shown = {} if obeyed is None else {"advised": percent(obeyed.error_on(log.kept))}
-    return Row(name, metric, published, percent(error), seconds=seconds,
-               agreement=agreement(fit, other), **shown)  # fmt: skip
+    short = dict(zip(log.dynamics.names, log.dynamics.short_names, strict=True))
+    disagree, count = apart(fit, other, short)
+    listed = ", ".join(f"{name} ({ratio:.1f})" for name, ratio in disagree.items())
+    differing = ((name, listed, *between(log, fit)),) if disagree else ()
+    further = {} if better is None else {"advised": shown(better)}
+    return Row(name, metric, published, shown(fit), seconds=seconds, warnings=warned,
+               apart=differing, agreement=f"{count - len(disagree)} of {count}", **further)  # fmt: skip
 
 
 def emps(folder):
     log = public_logs.emps(folder)
     yield torques("EMPS, force", log, "5.98 %", "file with pulses")
-    yield open_loop(log)
+    began = time.perf_counter()
+    found = identify(log.dynamics, log.fitted, progress=False)
+    seconds = time.perf_counter() - began
+    yield open_loop(log, found, seconds)
+    ours, published = closed_loop(folder, found), closed_loop(folder, None)
+    yield Row("EMPS, closed loop", "relative error of the force of both files, under the logged law",
+              " and ".join(f"{error:.2f}" for error in published) + " % (its values)",
+              " and ".join(f"{error:.2f}" for error in ours) + " %")  # fmt: skip
 
 
 EMPS_START = 20
 """Samples by which the benchmark lets a simulation begin."""
 
 
-def open_loop(log):
+def open_loop(log, found, seconds):
     """RMSE of the simulated position on the second file, from its force alone."""
-    began = time.perf_counter()
-    found = identify(log.dynamics, log.fitted, progress=False)
-    seconds = time.perf_counter() - began
     kept = log.kept[0]
     again = replay(found.arm, kept, rig=found.rig)
     error = kept.rig.to_angle(again.counts - kept.counts)[EMPS_START:]
@@ -158,8 +211,13 @@ def tiago(folder):
 def kr300(folder):
     log = public_logs.kr300(folder)
     # Every fifth block: a tenth of an hour tells no more.
-    yield torques("KR300, inverse", dataclasses.replace(log, fitted=log.fitted[::5]), "none",
-                  "test blocks")  # fmt: skip
+    few = dataclasses.replace(log, fitted=log.fitted[::5])
+    yield torques("KR300, inverse", few, "none", "test blocks")
+    began = time.perf_counter()
+    ours, linear = forward(few, log.fitted)
+    seconds = time.perf_counter() - began
+    yield Row("KR300, forward", "RMS of the angles simulated from the torques for 1, 2, 4, 8 s",
+              f"{linear} (a linear model, by us)", ours, seconds=seconds)  # fmt: skip
 
 
 def tx40(folder):
@@ -240,34 +298,47 @@ def main():
     parser.add_argument("--arms", action="store_true", help="only the arms of logged torques")
     parser.add_argument("--write", action="store_true", help="the rows become docs/scoreboard.md")
     given = parser.parse_args()
-    rows = []
     names = [name for name in given.only if not given.arms or name in SETS_OF_TORQUES]
     for name in names:
         try:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")  # of the logs; what helps is obeyed
-                if given.arms:
-                    made = [arm(name, given.data)]
-                else:
-                    made = [row.cells for row in SETS[name](given.data)]
-                print(*map(line, made), sep="\n", flush=True)
-                rows += made
+                made = [arm(name, given.data)] if given.arms else list(SETS[name](given.data))
         except FileNotFoundError as missing:
             print(f"{name}: {missing} is missing; the other sets go on.", flush=True)
-    if given.write:
-        write(rows, *(("arms", ARM_HEADS) if given.arms else ("logs", HEADS)))
+            continue
+        for row in made:
+            tables = {"arms": [row]} if given.arms else tables_of(row)
+            for part, lines in tables.items():
+                print(*(f"{part}: {line(cells)}" for cells in lines), sep="\n", flush=True)
+                if given.write and lines:
+                    write(lines, part)
+
+
+TABLES = {"logs": HEADS, "warnings": WARNING_HEADS, "apart": APART_HEADS, "arms": ARM_HEADS}
+
+
+def tables_of(row):
+    return {"logs": [row.cells], "warnings": row.warnings, "apart": row.apart}
 
 
 def line(cells):
     return f"| {' | '.join(cells)} |"
 
 
-def write(rows, part, heads):
-    """A table between its marks in the page."""
+def write(rows, part):
+    """Rows into a table between its marks in the page, in place of those of the same log."""
     text = PAGE.read_text()
     begin, end = (MARK.format(f"{part}, {place}") for place in ("begin", "end"))
-    table = [line(heads), line(["---"] * len(heads)), *map(line, rows)]
-    before, after = text.partition(begin)[0], text.partition(end)[2]
+    before, _, rest = text.partition(begin)
+    table, _, after = rest.partition(end)
+    log = f"| {rows[0][0]} |"
+    others = [one for one in table.split("\n") if one.startswith("|")][2:]
+    place = next((i for i, one in enumerate(others) if one.startswith(log)), len(others))
+    others = [one for one in others if not one.startswith(log)]
+    heads = TABLES[part]
+    table = [line(heads), line(["---"] * len(heads))]
+    table += [*others[:place], *map(line, rows), *others[place:]]
     PAGE.write_text("\n".join([f"{before}{begin}", "", *table, "", f"{end}{after}"]))
 
 
