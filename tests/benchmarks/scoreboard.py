@@ -310,7 +310,8 @@ def main():
         for row in made:
             tables = {"arms": [row]} if given.arms else tables_of(row)
             for part, lines in tables.items():
-                print(*(f"{part}: {line(cells)}" for cells in lines), sep="\n", flush=True)
+                for cells in lines:
+                    print(f"{part}: {line(cells)}", flush=True)
                 if given.write and lines:
                     write(lines, part)
 

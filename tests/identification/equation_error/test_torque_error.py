@@ -5,11 +5,13 @@ import dataclasses
 import numpy as np
 import pytest
 from coupled_arm import PERIOD, arm_of, path_of, rig_of
+from packaged_arms import planar
+from scipy.ndimage import gaussian_filter1d
 
 from ctc import ComputedTorque
 from identification import fit_torque, identify, nearest_physical
 from identification.equation_error.bounds import bounded
-from plant import puma560, replay, simulate
+from plant import Drive, Dynamics, Encoder, Rig, puma560, replay, simulate
 
 SECONDS = 8.0
 
@@ -175,6 +177,47 @@ def test_a_prior_decides_what_the_log_does_not():
     assert (fit.std < 0.11 * np.abs(near)).all()
     # What the log shows is the log's.
     assert (np.abs(fit.f - arm.f) < np.abs(near - arm.f) + fit.std).all()
+
+
+def test_bodies_of_the_model_are_the_prior_only_where_they_predict_better():
+    """Small motions beside a slow torque that the model lacks leave f open; bodies of a hundred
+    times the mass are those of another arm.
+    """
+    chain = planar(2)
+    arm = Dynamics.from_chain(chain).arm(Dynamics.from_chain(chain).f(chain.bodies))
+    one = np.ones(2)
+    drive = Drive(
+        gear=one,
+        motor_inertia=0 * one,
+        motor_gain=one,
+        current_limit=np.inf * one,
+        viscous=0 * one,
+        coulomb=0 * one,
+    )
+    rig = Rig(drive=drive, encoder=Encoder(resolution=2.0**20 * one), period=0.01)
+    t = np.arange(0, 10, rig.period)
+    random = np.random.default_rng(1)
+    waves = 2 * np.pi * np.array([0.2, 0.45, 0.8])
+    q = 0.3 + sum(0.05 * np.sin(np.outer(t, one) * w + random.uniform(0, 6, 2)) for w in waves)
+    qd = np.gradient(q, t, axis=0)
+    states = zip(q, qd, np.gradient(qd, t, axis=0), strict=True)
+    lacking = gaussian_filter1d(random.normal(size=q.shape), 20, axis=0)
+    torque = np.array([arm.inverse(*state) for state in states]) + 2 * lacking / lacking.std()
+
+    def fitted(factor, **options):
+        bodies = [
+            dataclasses.replace(body, mass=factor * body.mass, rotor=factor * body.rotor)
+            for body in chain.bodies
+        ]
+        dynamics = Dynamics.from_chain(dataclasses.replace(chain, bodies=tuple(bodies)))
+        return fit_torque(dynamics, q, torque, rig=rig, band=10.0, **options)
+
+    right, other, plain = fitted(1.0), fitted(100.0), fitted(1.0, prior=False)
+    assert right.prior.spread == 0.3
+    assert other.prior is None
+    assert plain.prior is None
+    off = [np.linalg.norm(fit.f - arm.f) for fit in (right, plain)]
+    assert off[0] < 0.1 * off[1]
 
 
 # -- what an identification is used for ------------------------------------------------------------
