@@ -53,6 +53,7 @@ from identification.search.outcome import GearResonance
 from plant import Body, Dynamics, PositionServo, puma560, simulate, visibility
 from plant.checkup.hypothesis import Cause, Rival
 from plant.models.check import ModelCheck, ModelFinding
+from plant.parts.messages import SLIDES, TURNS
 from plant.parts.shown import Shown, Verdict
 
 NASTY = ("<b>&'\"</td>", "shoulder_lift_joint_of_the_left_arm")
@@ -137,7 +138,7 @@ def gears():
 
 def seen():
     wound = Wound(np.array([[1e-6, 1e-8], [2e-9, 1e-9]]), np.array([[1e-7, 2e-8], [1e-9, 1e-9]]))
-    one = Gears.of(wound, NASTY, None)
+    one = Gears.of(wound, NASTY, None, units=(TURNS, SLIDES))
     return dataclasses.replace(one, runs=(one, one), between=RESULTS["BetweenRuns"]())
 
 
@@ -255,7 +256,13 @@ RESULTS = {
         at=40.0, unit="Hz", rows=99, worse=1.0, against=20.0, passed=True, chosen=True
     ),
     "FrictionTrial": lambda: FrictionTrial(
-        kind="asymmetric", share=None, better=0.4, errors=9.0, levels=np.ones(2), usual=np.ones(2)
+        kind="asymmetric",
+        share=None,
+        better=0.4,
+        errors=9.0,
+        levels=np.ones(2),
+        units=("N m", "N"),
+        usual=np.ones(2),
     ),
     "GearResonance": gears,
     "InnerTrial": lambda: InnerTrial(

@@ -10,7 +10,19 @@ from ctc.certification.imperfections import IMPERFECTIONS
 from ctc.verdict.on_gears import LOWEST
 from ctc.verdict.servos import in_play, slow_profiles
 from plant.motion.everyday import slowing
-from plant.parts import Aside, Floats, Piece, Table, Verdict, by_joint, frozen_settings, significant
+from plant.parts import (
+    Aside,
+    Floats,
+    Piece,
+    Table,
+    Verdict,
+    by_joint,
+    frozen_settings,
+    heading,
+    largest_cell,
+    significant,
+    with_units,
+)
 
 
 @frozen_settings
@@ -176,22 +188,27 @@ def shown(certificate: Any) -> Iterator[Piece]:
     high_quantile = np.quantile(runs.unrounded, 0.99, axis=0, method="higher")
     pulses = "{:.2f}".format
     unrounded = runs.unrounded
+    chain = certificate.plants.arm.dynamics.chain
+    efforts = chain.effort_units
+    chatter = with_units(map(significant, np.median(runs.chatter, axis=0)), efforts)
     quantities: list[tuple[str, Floats, Callable[[float], str]]] = [
         ("encoder error, worst peak [pulses]", runs.peak.max(axis=0), "{:.0f}".format),
         ("error before rounding, median peak [pulses]", np.median(unrounded, axis=0), pulses),
         ("error before rounding, 99 % below [pulses]", high_quantile, pulses),
         ("by rounding alone, f exact, peak [pulses]", certificate.by_counts, pulses),
-        ("torque chatter per sample, median [N m]", np.median(runs.chatter, axis=0), significant),
-        ("motor current, median peak / limit", certificate.current_share, "{:.0%}".format),
     ]
     texts = [(title, *map(form, values)) for title, values, form in quantities]
-    texts.append(("samples that reach the torque limit", *map(percent, certificate.saturation)))
+    texts += [
+        (heading("torque chatter per sample, median", efforts), *chatter),
+        ("motor current, median peak / limit", *map("{:.0%}".format, certificate.current_share)),
+        ("samples that reach the torque limit", *map(percent, certificate.saturation)),
+    ]
     # The verdict first, then what it rests on, then what to do.
     yield Verdict(f"{type(certificate.law).__name__}: {certificate.verdict}", certificate.holds)
     yield Table((), rows)
     if certificate.rare is not None:
         yield str(certificate.rare)
-    yield by_joint(certificate.plants.arm.dynamics.chain.joint_labels, texts)
+    yield by_joint(chain.joint_labels, texts)
     yield from _of_servos(certificate)
     yield from _explained(certificate)
     if certificate.seen is not None:
@@ -213,13 +230,14 @@ def shown_set(certificates: Any) -> Iterator[Piece]:
     """`Certificates` as they are printed: one row per motion."""
     # Columns about the start only where a start was left out.
     start = certificates.settings["after"]
+    efforts = certificates.plants.arm.dynamics.chain.effort_units
     from_start = f" after {start:g} s" if start else ""
     head = [
         "motion",
         f"exceed{from_start}, of {len(certificates.plants)}",
         "at most",
         "peak [pulses]",
-        "chatter [N m]",
+        heading("chatter", efforts),
     ]
     if start:
         head += [f"exceed before {start:g} s", "exceed at any time"]
@@ -230,7 +248,7 @@ def shown_set(certificates: Any) -> Iterator[Piece]:
             f"{certificate.failures}",
             percent(certificate.upper, up=True),
             f"{certificate.runs.peak.max():.0f}",
-            significant(np.median(certificate.runs.chatter, axis=0).max()),
+            largest_cell(np.median(certificate.runs.chatter, axis=0), efforts),
         ]
         if start:
             row += [f"{certificate.failures_before}", f"{certificate.failures_with_start}"]

@@ -112,13 +112,14 @@ def plot_evaluation(evaluation: Any, ax: Any = None) -> NDArray[Any]:
     record = evaluation.record
     limited = False
     axes = row_by_row(ax, record.n, 2, width=11)
-    for joint, (error_axis, torque_axis) in enumerate(axes):
+    units = evaluation.arm.dynamics.chain.joint_units
+    for joint, (unit, (error_axis, torque_axis)) in enumerate(zip(units, axes, strict=True)):
         # The band comes after the curve, whose range the axis keeps.
         _pulses(error_axis, record.t, record.error_pulses[:, joint], colour_of(joint))
         draw_band(error_axis)
         error_axis.set_ylabel("error [pulses]")
         torque_axis.plot(record.t, record.torque[:, joint], color=colour_of(joint), linewidth=0.7)
-        torque_axis.set_ylabel("torque [N m]")
+        torque_axis.set_ylabel(f"torque [{unit.effort}]")
         # The title explains the dashed lines only where there are some.
         limited |= _limit(torque_axis, record.rig.drive, joint)
     titled(

@@ -18,6 +18,7 @@ from plant.laws.law import Setpoint, Step
 from plant.machine.inner_loop import Frame
 from plant.parts.arguments import signs
 from plant.parts.fields import Floats
+from plant.parts.messages import warn
 from plant.parts.part import number, part, structure
 from plant.parts.settings import Settings
 from plant.parts.vector import Fields, per_joint, scalars
@@ -29,6 +30,8 @@ class FloatSettings(Settings):
 
     Parameters
     ----------
+    assist : float
+        Share of friction that the law takes over by default, where the bound allows it.
     observer : float
         Bandwidth of the observer of speed [rad/s]. tests/benchmarks/floating.py chose it: 60 rad/s
         cost the hand on an SO-101 1.12 N, 100 rad/s 1.06 N.
@@ -56,6 +59,7 @@ class FloatSettings(Settings):
     40.0
     """
 
+    assist: float = 0.7
     observer: float = 100.0
     taper: float = 0.2
     cells: float = 2.0
@@ -84,8 +88,9 @@ class Float(ModelLaw):
         known.
     rig : Rig, optional
         The identified rig: its friction is assisted.
-    assist : float
-        Share of friction that the law takes over, 0 to 1.
+    assist : float, optional
+        Share of friction that the law takes over, 0 to 1. By default `FloatSettings.assist`, or
+        less where the arm could drive itself: a warning then names the joint.
     leak : float
         Time constant with which the speed leaks [s]: without new counts the assistance ends.
     speed : float
@@ -96,9 +101,10 @@ class Float(ModelLaw):
     Raises
     ------
     ValueError
-        As `ModelLaw`; an assistance beyond (1 - dg / F) / (1 + s) of a joint, with its friction F,
-        the deviation dg of its gravity torque and the relative deviation s of its friction: the arm
-        could drive itself. With dg beyond F a released joint falls, and no assistance is accepted.
+        As `ModelLaw`; a stated assistance beyond (1 - dg / F) / (1 + s) of a joint, with its
+        friction F, the deviation dg of its gravity torque and the relative deviation s of its
+        friction: the arm could drive itself. With dg beyond F a released joint falls, and no
+        assistance is accepted.
 
     See Also
     --------
@@ -112,7 +118,7 @@ class Float(ModelLaw):
     0.4
     """
 
-    assist: float = number((), default=0.7)
+    assist: float = number((), default=None)
     leak: float = number((), default=0.15)
     speed: float = number((), default=3.0)
     settings: FloatSettings = structure(FloatSettings, default=SETTINGS)
@@ -122,19 +128,34 @@ class Float(ModelLaw):
     def __post_init__(self) -> None:
         knowledge = self.arm if isinstance(self.arm, Identification) else None
         super().__post_init__()
-        signs(self, positive=("leak", "speed"), not_negative=("assist",))
+        signs(self, positive=("leak", "speed"))
+        if self.assist is not None:
+            signs(self, not_negative=("assist",))
         friction, gravity, relative = self._uncertainty(knowledge)
         bound = (1 - gravity / np.maximum(friction, 1e-12)) / (1 + relative)
         # A joint without dry friction has none to be assisted.
         largest = np.where(friction > 0, bound, 1.0)
         joint = int(np.argmin(largest))
-        label = self.rig.joint_labels[joint]
+        label = self.arm.dynamics.chain.joint_labels[joint]
+        unit = self.arm.dynamics.chain.effort_units[joint]
         if largest[joint] <= 0:
             raise ValueError(
                 f"gravity of {label} must be known within its dry friction, {friction[joint]:.2g}"
-                f" N m, so that it rests when released; got {gravity[joint]:.2g} N m. Identify it"
-                " with its tool, or state FloatSettings(gravity=)."
+                f" {unit}, so that it rests when released; got {gravity[joint]:.2g} {unit}."
+                " Identify it with its tool, or state FloatSettings(gravity=)."
             )
+        if self.assist is None:
+            # Rounded down, so that a user may state the number that the warning names.
+            allowed = np.floor(100 * largest[joint]) / 100
+            assist = min(self.settings.assist, float(allowed))
+            object.__setattr__(self, "assist", assist)
+            if assist < self.settings.assist:
+                warn(
+                    f"Float takes over {assist:g} of the friction, not {self.settings.assist:g}:"
+                    f" with more, {label} could drive itself, since its friction is known to"
+                    f" {relative[joint]:.0%} and its gravity to {gravity[joint]:.2g} {unit}."
+                    f" Identify {label} better, or state assist."
+                )
         if self.assist > largest[joint]:
             raise ValueError(
                 f"assist must be at most {largest[joint]:.2g}, so that {label} cannot drive itself"

@@ -225,13 +225,13 @@ def unexplained(
     torque: ArrayLike, law: Any, rig: Rig, q: NDArray[np.float64]
 ) -> NDArray[np.float64]:
     """Torque (n,) that holds an arm beyond its weight and beyond the static friction known."""
-    advice = "Give the joint torque that holds the arm now [N m]."
+    advice = "Give the joint torque that holds the arm now [N m, of slides N]."
     held = array("torque", torque, (rig.n,), advice=advice)
     coupling = rig.drive.coupling
     limit = rig.drive.torque_limit()
     # A wrong unit, such as N mm, would begin the observer with an absurd disturbance.
     if (np.abs(coupling.shaft_torque(held)) > limit).any():
-        raise ValueError(f"torque must be within the amplifier's {limit} N m; got {held}. {advice}")
+        raise ValueError(f"torque must be within the amplifier's {limit}; got {held}. {advice}")
     # Gravity of the arm and springs of the rig hold the arm without any motor.
     weight = law.arm.h(q, np.zeros(rig.n)) - np.ravel(law.rig.spring_torque(q))
     lacking = coupling.shaft_torque(held - weight)

@@ -262,9 +262,9 @@ def _controller(identification: Any, evaluation: Any, certificate: Any) -> str:
     path = evaluation.record.reference
     t = evaluation.record.t
     fastest = np.abs(path(t).qd).max(axis=0)
-    units = ["m" if link.prismatic else "rad" for link in evaluation.arm.dynamics.chain.links]
+    units = evaluation.arm.dynamics.chain.joint_units
     joints = zip(evaluation.joint_labels, fastest, units, strict=True)
-    speeds = ", ".join(f"{label} {speed:.2g} {unit}/s" for label, speed, unit in joints)
+    speeds = ", ".join(f"{label} {speed:.2g} {unit.speed}" for label, speed, unit in joints)
     # Not every law is designed by a bandwidth.
     bandwidth = getattr(law, "bandwidth", None)
     summary = ""

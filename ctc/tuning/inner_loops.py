@@ -6,7 +6,7 @@ more torque of every count, and behind a play it cycles; a soft one leaves more 
 
 import dataclasses
 import warnings
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -17,7 +17,18 @@ from ctc.laws.computed_torque import ComputedTorque
 from identification import IdentificationWarning
 from plant import MitDrive, Rig
 from plant.machine.inner_loop import InnerLoop
-from plant.parts import Floats, Frozen, Piece, Shown, Table, Verdict, frozen, instance, significant
+from plant.parts import (
+    Floats,
+    Frozen,
+    Piece,
+    Shown,
+    Table,
+    Verdict,
+    frozen,
+    heading,
+    instance,
+    largest_cell,
+)
 
 
 @frozen
@@ -110,15 +121,16 @@ def inner_trials(
     return tuple(sorted(trials, key=lambda trial: trial.rank))
 
 
-def inner_table(trials: tuple[InnerTrial, ...]) -> Table:
-    """A row for each inner loop, the best first."""
+def inner_table(trials: tuple[InnerTrial, ...], efforts: Sequence[str]) -> Table:
+    """A row for each inner loop, the best first; `efforts`: units of the joints' torques."""
     rows = [
         (
             trial.fields,
             percent(trial.left / trial.of),
             f"{trial.peak:.0f}",
-            significant(float(trial.chatter.mean())),
+            largest_cell(trial.chatter, efforts),
         )
         for trial in trials
     ]
-    return Table(("inner loop", "exceed", "peak [pulses]", "chatter, mean [N m]"), rows, words=(0,))
+    head = ("inner loop", "exceed", "peak [pulses]", heading("chatter", efforts))
+    return Table(head, rows, words=(0,))

@@ -24,14 +24,14 @@ class KnownGears(NamedTuple):
     Of the bandwidths that were tried it has the one with the fewest failures, then the least
     chatter.
 
-    `left`, `of`: samples that exceed the limit, and samples. `chatter`: of the loudest joint, mean
-    of the samples [N m].
+    `left`, `of`: samples that exceed the limit, and samples. `chatter`: of each joint, mean
+    of the samples [N m, or N].
     """
 
     hz: float
     left: int
     of: int
-    chatter: float
+    chatter: tuple[float, ...]
 
 
 @frozen_settings
@@ -120,6 +120,6 @@ def _tried(plants, rows, hz, motions, options, threads):
         )
         # Failures come before chatter: a quiet controller that fails is no gain.
         left = int((runs.outside > 0).sum())
-        chatter = float(runs.chatter.mean(axis=0).max())
+        chatter = tuple(runs.chatter.mean(axis=0).tolist())
         results.append(KnownGears(float(hz), left, len(rows), chatter))
-    return min(results, key=lambda result: (result.left, result.chatter))
+    return min(results, key=lambda result: (result.left, max(result.chatter)))

@@ -23,7 +23,21 @@ from ctc.tuning.inner_loops import InnerTrial, inner_table
 from ctc.tuning.known_gears import SETTINGS, KnownGears
 from identification import IdentificationWarning
 from plant import PD, Arm, Law, Reference, Rig
-from plant.parts import Floats, Frozen, Piece, Shown, Table, Verdict, frozen, kept, significant
+from plant.parts import (
+    Floats,
+    Frozen,
+    Piece,
+    Shown,
+    Table,
+    Verdict,
+    frozen,
+    heading,
+    kept,
+    largest,
+    largest_cell,
+    significant,
+    with_units,
+)
 from plant.parts.arguments import near, several
 from plant.parts.shown import inside
 
@@ -321,10 +335,21 @@ class Tuning(Shown, Frozen):
         for trial in sorted(self.trials, key=lambda trial: trial.rank):
             # A row has room for three joints; of more it shows the largest.
             few = len(trial.chatter) <= 3
-            joints = trial.chatter if few else np.max(trial.chatter, keepdims=True)
-            chatter = " / ".join(significant(x) for x in joints)
+            chatter = largest_cell(trial.chatter, self._efforts)
+            if few:
+                chatter = " / ".join(with_units(map(significant, trial.chatter), self._efforts))
             rows.append((trial.family, percent(trial.left / trial.of), chatter, trial.tuned))
-        return Table(("", "exceed", "chatter [N m]", "tuned"), rows, words=(3,))
+        return Table(("", "exceed", heading("chatter", self._efforts), "tuned"), rows, words=(3,))
+
+    @property
+    def _efforts(self) -> list[str]:
+        """Units of the torques of the joints."""
+        return self.certificate.plants.arm.dynamics.chain.effort_units
+
+    def _loudest(self, chatter: Floats) -> str:
+        """The largest chatter (n,), in its unit; of joints that turn and that slide, each."""
+        joints = largest(chatter, self._efforts)
+        return ", ".join(f"{significant(chatter[j])} {self._efforts[j]}" for j in joints)
 
     def _short(self) -> str:
         # The same tuning as the law of the result.
@@ -362,7 +387,7 @@ class Tuning(Shown, Frozen):
             closest = min(self.trials, key=lambda trial: trial.peak)
             quietest = min(self.trials, key=lambda trial: trial.noise)
             yield f"least peak: {closest.peak:.0f} pulses, {closest.family} ({closest.tuned})"
-            chatter = f"{quietest.chatter.max():.2g} N m"
+            chatter = self._loudest(quietest.chatter)
             yield f"least chatter: {chatter}, {quietest.family} ({quietest.tuned})"
         # The certificate advises to call `tune`, which has just searched.
         pieces = self.certificate._shown() if self.holds else inside(self.certificate)
@@ -370,27 +395,32 @@ class Tuning(Shown, Frozen):
         yield from self._with_known_gears()
         if self.inner:
             yield f"inner loops under the default computed torque; chosen: {self.inner[0].fields}"
-            yield inner_table(self.inner)
+            yield inner_table(self.inner, self._efforts)
         yield "the best tuning of each family, on independent validation samples:"
         yield self._table()
 
     def _with_known_gears(self) -> Iterator[Piece]:
         """What identified gears would gain, where that is much."""
         best = min(self.trials, key=lambda trial: trial.rank)
-        loudest = float(best.chatter.max())
+        loud = largest(best.chatter, self._efforts)
+        limit = np.where(best.holds, SETTINGS.gain * best.chatter, np.inf)
         quiet = [
             gears
             for gears in self.known_gears
-            if not gears.left and (not best.holds or gears.chatter < SETTINGS.gain * loudest)
+            if not gears.left
+            and all(
+                gears.chatter[joint] < limit[other]
+                for joint, other in zip(largest(gears.chatter, self._efforts), loud, strict=True)
+            )
         ]
         if quiet:
             places = several([f"{gears.hz:.3g}" for gears in quiet], len(quiet))
-            chatter = significant(max(gears.chatter for gears in quiet))
+            chatter = self._loudest(np.max([gears.chatter for gears in quiet], axis=0))
             whole_range = "no controller for the whole range keeps it"
             if best.holds:
-                whole_range = f"this one, for the whole range, has {significant(loudest)} N m"
+                whole_range = f"this one, for the whole range, has {self._loudest(best.chatter)}"
             yield (
                 f"the range of resonances decides: with gears of {places} Hz known to 10 %,"
-                f" computed torque keeps the limit with {chatter} N m of chatter; {whole_range}."
+                f" computed torque keeps the limit with {chatter} of chatter; {whole_range}."
                 " identify(..., elasticity=True) finds them"
             )

@@ -16,7 +16,17 @@ from ctc.verdict.servos import in_play, slow_profiles
 from plant import Arm, Record
 from plant.compiler.background import cores
 from plant.machine.elasticity import DAMPING_RATIO
-from plant.parts import Floats, Piece, Shown, Verdict, by_joint, frozen, significant
+from plant.parts import (
+    Floats,
+    Piece,
+    Shown,
+    Verdict,
+    by_joint,
+    frozen,
+    heading,
+    significant,
+    with_units,
+)
 
 
 @frozen
@@ -227,25 +237,35 @@ class Evaluation(Shown):
         elastic = self.record.rig.drive.elasticity is not None
         # On elastic gears encoder and controller know the motor alone.
         part = "motor" if elastic else "joint"
-        pulses = "{:.2f}".format
-        quantities: list[tuple[str, Floats, Callable[[float], str]]] = [
-            ("encoder error, peak [pulses]", self.max_error_pulses, "{:.0f}".format),
-            ("encoder error, RMS [pulses]", self.rms_error_pulses, pulses),
-            (f"true {part} error, peak [pulses]", self.max_true_error_pulses, pulses),
+        decimals = "{:.2f}".format
+        units = self.arm.dynamics.chain.joint_units
+        pulses = ["pulses"] * len(units)
+        efforts = [unit.effort for unit in units]
+        quantities: list[tuple[str, Floats, Callable[[float], str], list[str]]] = [
+            ("encoder error, peak", self.max_error_pulses, "{:.0f}".format, pulses),
+            ("encoder error, RMS", self.rms_error_pulses, decimals, pulses),
+            (f"true {part} error, peak", self.max_true_error_pulses, decimals, pulses),
         ]
         # Encoders sit on the motors: elastic gears hide an error of the links.
         if elastic:
             link = 1e3 * np.abs(self.link_error)
             rms = np.sqrt(np.mean(link**2, axis=0))
-            quantities.append(("link error, peak [mrad]", link.max(axis=0), "{:.3f}".format))
-            quantities.append(("link error, RMS [mrad]", rms, "{:.3f}".format))
+            thousandths = [f"m{unit.position}" for unit in units]
+            of_link = ("peak", link.max(axis=0)), ("RMS", rms)
+            quantities += [
+                (f"link error, {kind}", value, "{:.3f}".format, thousandths)
+                for kind, value in of_link
+            ]
         # The torques of a wrist are thousandths of those of a shoulder.
         quantities += [
-            ("torque, peak [N m]", self.peak_torque, significant),
-            ("torque chatter per sample [N m]", self.chatter, significant),
-            ("share at the amplifier's limit", self.saturation, "{:.2%}".format),
+            ("torque, peak", self.peak_torque, significant, efforts),
+            ("torque chatter per sample", self.chatter, significant, efforts),
         ]
-        rows = [(title, *map(form, values)) for title, values, form in quantities]
+        rows = [
+            (heading(title, of_joints), *with_units(map(form, values), of_joints))
+            for title, values, form, of_joints in quantities
+        ]
+        rows.append(("share at the amplifier's limit", *map("{:.2%}".format, self.saturation)))
         # The verdict first, then the numbers, then the assumptions.
         yield Verdict(self._short(), self.holds)
         yield by_joint(self.joint_labels, rows)

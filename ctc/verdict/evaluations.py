@@ -1,9 +1,8 @@
 """`evaluate`: an arm under a controller, on a path or in several motions; `compare` controllers."""
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, TypedDict, Unpack, overload
 
-import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ctc.figures.errors import plot_comparison, plot_motions
@@ -11,55 +10,72 @@ from ctc.verdict.evaluation import Evaluation
 from plant import Arm, Law, Reference, Rig
 from plant.motion.everyday import motions_of, naming, of_motion
 from plant.parts import (
+    Floats,
     Piece,
     Shown,
     Table,
     Verdict,
     choice,
     frozen,
+    heading,
     instance,
     known_options,
+    largest,
     significant,
+    with_units,
 )
 from plant.simulation.logged_run import DivergenceError
 from plant.simulation.simulator import Injected, run
 
-# Head of each column, and its cell for an `Evaluation`.
-_COLUMNS = (
-    ("within ±1", lambda e: e.share_within(1)),
-    ("peak [pulses]", lambda e: _cell(e.max_error_pulses, "{:.0f}".format)),
-    ("RMS [pulses]", lambda e: _cell(e.rms_error_pulses, "{:.2f}".format)),
-    ("torque, RMS [N m]", lambda e: _cell(e.rms_torque, significant)),
-    ("chatter [N m]", lambda e: _cell(e.chatter, significant)),
-    ("at the limit", lambda e: f"{e.saturation.max():.2%}"),
+# Head of the columns with a number for each joint, the numbers of an `Evaluation`, their form, and
+# whether they are torques.
+_COLUMNS: tuple[tuple[str, Callable[[Evaluation], Floats], Callable[[float], str], bool], ...] = (
+    ("peak", lambda e: e.max_error_pulses, "{:.0f}".format, False),
+    ("RMS", lambda e: e.rms_error_pulses, "{:.2f}".format, False),
+    ("torque, RMS", lambda e: e.rms_torque, significant, True),
+    ("chatter", lambda e: e.chatter, significant, True),
 )
 
 # Joints up to which a cell has a number for each: four would not fit into 80 letters a line.
 _JOINTS = 3
 
 
-def _cell(values: NDArray[np.float64], form: Callable[[float], str]) -> str:
+def _cell(values: Floats, form: Callable[[float], str], units: Sequence[str]) -> str:
     """Numbers of all joints, or of many joints the largest and its joint."""
-    if len(values) > _JOINTS:
-        return f"{form(values.max())} q[{values.argmax()}]"
-    return " / ".join(map(form, values))
+    cells = with_units(map(form, values), units)
+    if len(cells) > _JOINTS:
+        return ", ".join(f"{cells[joint]} q[{joint}]" for joint in largest(values, units))
+    return " / ".join(cells)
 
 
 def overview(
     title: str, evaluations: Mapping[str, Evaluation], notes: Mapping[str, str]
 ) -> Iterator[Piece]:
     """One row for each `Evaluation`, notes by name, and the meaning of a cell."""
-    # Columns come from one table, so heads and cells cannot differ.
-    rows = [
-        [name, *(cell(evaluation) for _, cell in _COLUMNS)]
-        for name, evaluation in evaluations.items()
-    ]
-    if rows:
-        yield Table([title, *(column for column, _ in _COLUMNS)], rows)
+    # All evaluations are of one arm. There is none where every loop diverged.
+    first = next(iter(evaluations.values()), None)
+    labels = [] if first is None else first.joint_labels
+    if first is not None:
+        efforts = first.arm.dynamics.chain.effort_units
+        pulses = ["pulses"] * len(labels)
+        # Columns come from one table, so heads and cells cannot differ.
+        columns = [
+            (head, numbers, form, efforts if torques else pulses)
+            for head, numbers, form, torques in _COLUMNS
+        ]
+        rows = [
+            [
+                name,
+                evaluation.share_within(1),
+                *(_cell(numbers(evaluation), form, units) for _, numbers, form, units in columns),
+                f"{evaluation.saturation.max():.2%}",
+            ]
+            for name, evaluation in evaluations.items()
+        ]
+        heads = [heading(head, units) for head, _, _, units in columns]
+        yield Table([title, "within ±1", *heads, "at the limit"], rows)
     for name, note in notes.items():
         yield f"{name}: {note}"
-    # All evaluations are of one arm. There is none where every loop diverged.
-    labels = next((evaluation.joint_labels for evaluation in evaluations.values()), [])
     if len(labels) > 1:
         cell = "a / b" if len(labels) <= _JOINTS else "largest of the joints, and which"
         yield f"{cell}: {', '.join(labels)}"

@@ -90,14 +90,18 @@ class FloatVerdict(Shown, Frozen):
 
     @property
     def rests(self) -> bool:
-        """Whether all released arms come to rest."""
+        """Whether all released arms move by at most `FloatTrialSettings.rests` at the end."""
         return bool((np.abs(self.drift) <= SETTINGS.rests).all())
 
     def _short(self) -> str:
         force = f"hand force {_rms(self.limp):.3g} -> {_rms(self.floating):.3g} N rms"
         # NaN of a diverged arm compares false: such an arm does not rest.
         resting = np.all(np.abs(self.drift) <= SETTINGS.rests, axis=1)
-        return f"{force}; {np.count_nonzero(resting)} of {len(self.drift)} released arms rest"
+        return (
+            f"{force}; {np.count_nonzero(resting)} of {len(self.drift)} released arms rest: they"
+            f" move by at most {SETTINGS.rests:g} pulse in the last {SETTINGS.drift:g} s of"
+            f" {SETTINGS.duration:g} s"
+        )
 
     def _shown(self) -> Iterator[Piece]:
         yield Verdict(self._short(), self.rests)

@@ -303,8 +303,7 @@ def from_rest(
     # In pulses per second, so that sliding and rotary joints compare.
     i = int(np.abs(speed / rig.to_angle(np.ones(rig.n))).argmax())
     chain = arm.dynamics.chain
-    unit = "m" if chain.links[i].prismatic else "rad"
-    begins = f"{chain.joint_labels[i]} at {speed[i]:.2g} {unit}/s"
+    begins = f"{chain.joint_labels[i]} at {speed[i]:.2g} {chain.joint_units[i].speed}"
     # The first position of the path, without its speed.
     start = np.array([reference(np.zeros(1)).q[0], np.zeros(rig.n)])
     settings: dict[str, Any] = {

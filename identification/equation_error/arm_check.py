@@ -117,9 +117,9 @@ class FittedArm:
         alone = {} if self.rough else rotors_alone(self.dynamics)
         below = SETTINGS.rough if self.rough else SETTINGS.below
         unit_of_torque = ", the unit of the torque" if self.rough else ""
-        links = self.dynamics.chain.links
+        units = self.dynamics.chain.joint_units
         for i, label in enumerate(self.dynamics.chain.joint_labels):
-            unit = "kg" if links[i].prismatic else "kg m^2"
+            unit = units[i].inertia
             stated = f"Jm k^2 = {rotors[i]:.3g} {unit}"
             k = alone.get(i, -1)
             if inertia[i] + SETTINGS.deviations * std[i] + below * rotors[i] < rotors[i]:

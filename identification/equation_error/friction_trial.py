@@ -93,8 +93,10 @@ class FrictionTrial(Shown):
     errors : float
         The same, in standard errors over the blocks.
     levels : (n,) numpy.ndarray
-        Its torque [N m] on the shaft of each joint (of load-dependent friction, per N m of load);
+        Its torque on the shaft of each joint (of load-dependent friction, per torque of the load);
         NaN where it was not tried.
+    units : tuple of str
+        Of each joint's torque: N m, or N of a slide.
     usual : (n,) numpy.ndarray
         Usual speed of each joint, that `share` is a part of [rad/s].
     """
@@ -104,6 +106,7 @@ class FrictionTrial(Shown):
     better: float
     errors: float
     levels: Floats
+    units: tuple[str, ...]
     usual: Floats
 
     @property
@@ -114,10 +117,16 @@ class FrictionTrial(Shown):
     @property
     def advice(self) -> str:
         """The friction with its levels, and what to do about it, in a line."""
-        levels = ", ".join("-" if np.isnan(level) else f"{level:.2g}" for level in self.levels)
-        unit = "" if self.kind == LOAD_DEPENDENT else " N m"
+        # Of load-dependent friction levels are shares, without a unit.
+        units = [""] if self.kind == LOAD_DEPENDENT else self.units
+        shared = len(set(units)) == 1
+        levels = ", ".join(
+            "-" if np.isnan(level) else f"{level:.2g}{'' if shared else f' {unit}'}"
+            for level, unit in zip(self.levels, self.units, strict=True)
+        )
+        ending = f" {units[0]}".rstrip() if shared else ""
         return (
-            f"friction is {self._short()}; its levels on the joints' shafts are {levels}{unit}:"
+            f"friction is {self._short()}; its levels on the joints' shafts are {levels}{ending}:"
             f" {_ADVICE[self.kind]}"
         )
 
@@ -205,6 +214,7 @@ def friction_trials(
     gap: float,
     weights: Floats,
     usual: Floats,
+    units: tuple[str, ...],
     viscous: Sequence[int] = (),
 ) -> tuple[FrictionTrial, ...]:
     """Trials of kinds of friction, best first.
@@ -212,8 +222,8 @@ def friction_trials(
     The last columns of the systems are those of each candidate, one for each of these joints.
 
     `seconds` (R,): length of each log. `gap` [s]: around a block, which is left out with it.
-    `weights` (R, n). `usual` (n,): speeds that a share is of [rad/s]. `viscous`: places of the
-    common columns that saturating friction replaces.
+    `weights` (R, n). `usual` (n,): speeds that a share is of [rad/s]. `units`: of the joints'
+    torques. `viscous`: places of the common columns that saturating friction replaces.
     """
     size = len(joints)
     count = systems[0].regressor.shape[2] - len(candidates) * size
@@ -255,6 +265,7 @@ def friction_trials(
                 better=better,
                 errors=errors,
                 levels=levels,
+                units=units,
                 usual=usual,
             )
         )

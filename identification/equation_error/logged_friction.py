@@ -154,6 +154,7 @@ def rising(
             better=better,
             errors=errors,
             levels=levels,
+            units=tuple(task.dynamics.chain.effort_units),
             usual=usual,
         )
         if not trial.clear:
@@ -346,7 +347,15 @@ def friction_of(
         # Viscous friction that saturates stands in place of the one in proportion.
         places = [i for i, name in enumerate(fit.names) if name.startswith("drive.viscous")]
         return friction_trials(
-            systems, candidates, joints, task.seconds, 1 / selection.band, weights, usual, places
+            systems,
+            candidates,
+            joints,
+            task.seconds,
+            1 / selection.band,
+            weights,
+            usual,
+            tuple(dynamics.chain.effort_units),
+            places,
         )
 
     # 1. All kinds that the drive does not state already, at coarse speeds.

@@ -19,9 +19,6 @@ _OF_RIG = {
     "drive.motor_gain": "N m/A",
     "drive.current_limit": "A",
     "drive.current_lag": "s",
-    "drive.elasticity.stiffness": "N m/rad",
-    "drive.elasticity.damping": "N m s/rad",
-    "drive.elasticity.backlash": "rad",
     "drive.curve.offset": "N m",
     "drive.curve.breakaway": "N m",
     "drive.curve.speed": "rad/s",
@@ -43,8 +40,16 @@ _MISREAD = (
     "units of torque",
 )
 
+# The same on the joint side, where a slide has units of its own: fields of `JointUnits`.
+_OF_JOINT = {
+    "drive.elasticity.stiffness": "stiffness",
+    "drive.elasticity.damping": "damping",
+    "drive.elasticity.backlash": "position",
+}
+
 # Kinds of standard parameters: a unit follows from the kinds that a parameter of f lumps together.
-_INERTIA = [kind.startswith(("I", "J")) for kind in STANDARD]
+_INERTIA = np.array([kind.startswith("I") for kind in STANDARD])
+_ROTOR = np.array([kind.startswith("J") for kind in STANDARD])
 _FIRST = [kind in ("mx", "my", "mz") for kind in STANDARD]
 
 
@@ -61,20 +66,29 @@ def units(dynamics: Dynamics, names: Iterable[str]) -> tuple[str, ...]:
     """Units of f and of numbers of rig and law, by name; "" of a number that is not listed here.
 
     A parameter is an inertia where one is in it, else a first moment or a mass; one that enters the
-    inertial torque alone is an inertia where all joints turn.
+    inertial torque alone is an inertia where all joints turn. The rotor of a slide counts as mass.
     """
     lumping = dynamics.lumping
     of_f = {}
     # Along a prismatic joint a mass enters the inertial torque, too.
-    turning = not any(link.prismatic for link in dynamics.chain.links)
+    slides = np.array([link.prismatic for link in dynamics.chain.links])
+    # By link and kind: rotors of joints that turn are inertias, too.
+    inertias = _INERTIA | (_ROTOR & ~slides[:, None])
     for i, name in enumerate(dynamics.names):
         # The kinds of standard parameters, of all bodies, that this one lumps together.
-        row = np.asarray(np.any(np.reshape(lumping.matrix[i], (-1, len(STANDARD))), axis=0))
-        if row[_INERTIA].any() or (turning and not lumping.gravitational[i]):
+        row = np.reshape(lumping.matrix[i], (-1, len(STANDARD))) != 0
+        if row[inertias].any() or (not slides.any() and not lumping.gravitational[i]):
             of_f[name] = "kg m²"
         else:
-            of_f[name] = "kg m" if row[_FIRST].any() else "kg"
-    return tuple(of_f.get(name, _OF_RIG.get(name.partition("[")[0], "")) for name in names)
+            of_f[name] = "kg m" if row[:, _FIRST].any() else "kg"
+
+    def unit(name: str) -> str:
+        kind, _, joint = name.partition("[")
+        if kind in _OF_JOINT:
+            return str(getattr(dynamics.chain.joint_units[int(joint.rstrip("]"))], _OF_JOINT[kind]))
+        return of_f.get(name, _OF_RIG.get(kind, ""))
+
+    return tuple(map(unit, names))
 
 
 class RecordError(ValueError):

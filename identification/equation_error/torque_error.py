@@ -16,7 +16,19 @@ from identification.equation_error.filters import BAND_MOST, CUTOFF, derivatives
 from identification.equation_error.regressor import Filtering, compared, regressor_along
 from identification.equation_error.torque_logs import TorqueLog, torque_logs
 from plant import Arm, Rig
-from plant.parts import Floats, Frozen, Piece, Shown, Table, Verdict, array, frozen, real
+from plant.parts import (
+    Floats,
+    Frozen,
+    Piece,
+    Shown,
+    Table,
+    Verdict,
+    array,
+    frozen,
+    heading,
+    real,
+    with_units,
+)
 from plant.parts.sums import norm
 
 # Band [Hz] where none is stated, or less where the sample rate carries less: joints move slower,
@@ -34,8 +46,11 @@ class TorqueError(Shown, Frozen):
     Attributes
     ----------
     joints : tuple of str
+    units : tuple of str
+        Of each joint's torque: N m, or N of a slide.
     rms : (n,) numpy.ndarray
-        Root mean square of each joint's error [N m]; NaN of a joint whose torque was not measured.
+        Root mean square of each joint's error, in its unit; NaN of a joint whose torque was
+        not measured.
     relative : (n,) numpy.ndarray
         Length of each joint's error over that of its measured torque.
     total : float
@@ -49,6 +64,7 @@ class TorqueError(Shown, Frozen):
     """
 
     joints: tuple[str, ...]
+    units: tuple[str, ...]
     rms: Floats
     relative: Floats
     total: float
@@ -66,12 +82,13 @@ class TorqueError(Shown, Frozen):
     @property
     def table(self) -> Table:
         """A row per joint."""
+        sizes = with_units([f"{rms:.3g}" for rms in self.rms], self.units)
         rows = [
-            (joint, f"{relative:.2%}", f"{rms:.3g}")
-            for joint, relative, rms in zip(self.joints, self.relative, self.rms, strict=True)
-            if np.isfinite(rms)
+            (joint, f"{relative:.2%}", size)
+            for joint, relative, size in zip(self.joints, self.relative, sizes, strict=True)
+            if np.isfinite(relative)
         ]
-        return Table(("error of the torque", "relative", "rms [N m]"), rows)
+        return Table(("error of the torque", "relative", heading("rms", self.units)), rows)
 
 
 class Machine(Protocol):
@@ -183,6 +200,7 @@ def error_of_logs(
     present = np.isfinite(residual)
     return TorqueError(
         joints=tuple(arm.dynamics.chain.joint_labels),
+        units=tuple(arm.dynamics.chain.effort_units),
         rms=np.where(seen, rms, np.nan),
         relative=np.where(seen, relative, np.nan),
         total=float(norm(residual[present]) / norm(length[present])),

@@ -59,6 +59,9 @@ _HELD = 0.2
 # period, makes rigid gears appear compliant by up to 5.
 _FIRM = 8
 
+# Title of the response of an arm; a rig does not tell which joints slide.
+_PLANT = "angle / torque [rad/(N m), of slides m/N]"
+
 
 class Resonances(NamedTuple):
     """Lowest resonance [Hz] (n,) and damping ratio (n,) of each joint, all else locked.
@@ -253,9 +256,7 @@ class FrequencyResponse(Shown, Frozen):
                 curve = modelled[joint, joint]
                 magnitude.plot(frequency, np.abs(curve), color=colour)
                 phase.plot(frequency, np.degrees(np.angle(curve)), color=colour)
-        magnitude.set(
-            xscale="log", yscale="log", xlabel="frequency [Hz]", ylabel="angle / torque [rad/(N m)]"
-        )
+        magnitude.set(xscale="log", yscale="log", xlabel="frequency [Hz]", ylabel=_PLANT)
         phase.set(xscale="log", xlabel="frequency [Hz]", ylabel="phase [degrees]")
         legend_above(phase)
         return axes
@@ -267,7 +268,7 @@ class FrequencyResponse(Shown, Frozen):
 
     def _shown(self) -> Iterator[Piece]:
         low, high = self.frequency[0], self.frequency[-1]
-        head = ("plant [rad/(N m)]", f"at {low:.3g} Hz", f"at {high:.3g} Hz", "std, median")
+        head = (_PLANT, f"at {low:.3g} Hz", f"at {high:.3g} Hz", "std, median")
         rows = []
         for j, joint in enumerate(self.joints):
             # Both ends of the band show whether inertia or gears dominate.

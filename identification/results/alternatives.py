@@ -107,6 +107,8 @@ class ArmHypothesis:
         Of the sizes in messages.
     convert : callable
         From the unit of the model to `unit`.
+    of_slides : tuple of str and callable, optional
+        Both, of a joint that slides; by default the same.
     numbers : tuple of Number
         Numbers of the model that are zero where the rig is right.
     torques : callable, optional
@@ -158,6 +160,7 @@ class ArmHypothesis:
     between: str = ", "
     unit: str = ""
     convert: Callable[[float], float] = float
+    of_slides: tuple[str, Callable[[float], float]] | None = None
     numbers: tuple[Number, ...] = ()
     torques: Callable[[Optimum], dict[str, list[Floats]]] | None = None
     effect: Callable[[Optimum], Floats] | None = None

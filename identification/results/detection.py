@@ -4,7 +4,7 @@ Every identification tests whether one of these effects explains the innovations
 those held out as well, at the optimum of the model. `stepwise` selects them one after another.
 """
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -13,7 +13,7 @@ import numpy as np
 from identification.equation_error.between_runs import BetweenRuns
 from identification.equation_error.least_squares import at_least
 from identification.replay.extended import joint_of
-from identification.results.alternatives import Sign
+from identification.results.alternatives import ArmHypothesis, Sign
 from identification.results.with_arm import BY_NAME, STIFF
 from identification.search.outcome import Fit
 from plant.checkup.hypothesis import Cause, Rival
@@ -70,6 +70,8 @@ class Detection(Shown, Frozen):
         Friction that the rig states, motor side [N m s/rad, N m], by the names of a sign's values.
     joints : tuple of str
         Name of each joint.
+    slides : tuple of int
+        Joints that slide.
     reason : str or None
         Why nothing could be tested.
     doubt : (k, k) numpy.ndarray or None
@@ -95,6 +97,8 @@ class Detection(Shown, Frozen):
     named: tuple[Sign, ...] = ()
     stated: dict[str, float] = field(default_factory=dict)
     joints: tuple[str, ...] = ()
+    # Of its words alone, so that files of earlier versions keep their digest.
+    slides: tuple[int, ...] = field(default=(), compare=False)
     reason: str | None = None
     # Absent where the fit has no covariance, or nothing could be tested, as all below.
     doubt: Floats | None = None
@@ -248,7 +252,7 @@ class Detection(Shown, Frozen):
                 name=sign.name,
                 joints=joints[i : i + 1] if hypothesis.gears else joints,
                 size=float(size.get("size", 0.0)),
-                unit=hypothesis.unit,
+                unit=size.get("unit", hypothesis.unit),
                 log_odds=sign.log_odds,
                 sentence=sentence.format(**fields | size),
                 remedy=remedy.format(**fields | size),
@@ -263,12 +267,13 @@ class Detection(Shown, Frozen):
         for name, value in hypothesis.shown(sign).items():
             kind = name.partition("[")[0]
             stated = self.stated.get(name, 0.0)
+            unit, convert = self._scale(hypothesis, name)
             yield {
-                "size": hypothesis.convert(value),
+                "size": convert(value),
                 "distance": abs(value),
                 # Of a loop faster than the log the torque acts before its next row.
                 "late": "late" if value > 0 else "early (a torque sampled from a faster loop is)",
-                "unit": hypothesis.unit,
+                "unit": unit,
                 "joint": self._joint(name) if "[" in name else "",
                 "kind": kind,
                 "cycles": "".join(filter(str.isdigit, kind)),
@@ -304,10 +309,10 @@ class Detection(Shown, Frozen):
         # In the unit of the text; of friction as a share of what the rig states.
         # A share needs a stated number to be a share of.
         stated = self.stated if hypothesis.shares else dict.fromkeys(sign.visible, 1.0)
+        scales = {name: self._scale(hypothesis, name) for name in sign.visible if stated.get(name)}
         sizes = {
-            name: hypothesis.convert(value / stated[name])
-            for name, value in sign.visible.items()
-            if stated.get(name)
+            name: convert(sign.visible[name] / stated[name])
+            for name, (_, convert) in scales.items()
         }
         if hypothesis.falling:
             span = _span([*sizes.values()])
@@ -319,14 +324,29 @@ class Detection(Shown, Frozen):
         shown = {name: size for name, size in sizes.items() if size <= largest}
         if not shown:
             return f"{hypothesis.title} (none is detectable)"
-        span = f"less than {SETTINGS.smallest:g}"
-        if max(shown.values()) > SETTINGS.smallest:
-            span = _span([*shown.values()])
+        # Sizes of joints that turn and of slides have a span each.
+        of_unit: dict[str, list[float]] = {}
+        for name, size in shown.items():
+            unit = scales[name][0]
+            unit += " of the motor" * (unit == "N m")
+            of_unit.setdefault(unit, []).append(size)
+        spans = [
+            f"{_span(values)} {unit}"
+            if max(values) > SETTINGS.smallest
+            else f"less than {SETTINGS.smallest:g} {unit}"
+            for unit, values in of_unit.items()
+        ]
         # The order of the joints, each once.
         blind = dict.fromkeys(self._joint(name) for name in sizes if name not in shown)
         exception = f", not at {', '.join(blind)}" if blind else ""
-        unit = hypothesis.unit + " of the motor" * (hypothesis.unit == "N m")
-        return f"{hypothesis.title} (detectable from {span} {unit}{exception})"
+        return f"{hypothesis.title} (detectable from {' and '.join(spans)}{exception})"
+
+    def _scale(self, hypothesis: ArmHypothesis, name: str) -> tuple[str, Callable[[float], float]]:
+        """Unit in which the size of a number is printed, and the way to it from the model's."""
+        slides = "[" in name and joint_of(name) in self.slides
+        if hypothesis.of_slides is not None and slides:
+            return hypothesis.of_slides
+        return hypothesis.unit, hypothesis.convert
 
     def _joint(self, name: str) -> str:
         """Joint of a number such as ``gear[1]``."""

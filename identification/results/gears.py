@@ -20,15 +20,18 @@ from plant.checkup.lost_rows import bridged
 from plant.parts import (
     Floats,
     Frozen,
+    JointUnits,
     Piece,
     Shown,
     Table,
     Verdict,
     frozen,
+    heading,
     instance,
     known_options,
     real,
     warn,
+    with_units,
 )
 
 # Share of the logged torques that an arm and its friction may leave before stiffness is doubted,
@@ -46,10 +49,13 @@ class Gears(Shown, Frozen):
     ----------
     joints : tuple of str
         Name of each joint.
+    units : tuple of JointUnits
+        Of each joint.
     stiffness, low, high : (n,) numpy.ndarray
-        [N m/rad], as of `Elasticity`. Without an upper end, low is a bound: the gear is stiffer.
+        [N m/rad; of slides N/m], as of `Elasticity`. Without an upper end, low is a bound: the
+        gear is stiffer.
     damping, damping_low, damping_high : (n,) numpy.ndarray
-        [N m s/rad]; NaN where stiffness has a bound alone.
+        [N m s/rad; of slides N s/m]; NaN where stiffness has a bound alone.
     runs : tuple of Gears
         Result of each record alone; the uncertainty of f, which they share, is in each.
     between : BetweenRuns or None
@@ -60,6 +66,7 @@ class Gears(Shown, Frozen):
     """
 
     joints: tuple[str, ...]
+    units: tuple[JointUnits, ...]
     stiffness: Floats
     low: Floats
     high: Floats
@@ -72,7 +79,11 @@ class Gears(Shown, Frozen):
 
     @classmethod
     def of(
-        cls, wound: Wound, joints: tuple[str, ...], stated: Elasticity | None, **options: Any
+        cls,
+        wound: Wound,
+        joints: tuple[str, ...],
+        stated: Elasticity | None,
+        **options: Any,
     ) -> Self:
         """Gears with these compliances [rad/(N m)] and their intervals."""
         # Values, then half-widths of intervals: each compliance, and damping / stiffness^2.
@@ -129,17 +140,23 @@ class Gears(Shown, Frozen):
         # Joints without a second encoder have NaN, and no row.
         rows = []
         seen = np.flatnonzero(~np.isnan(self.low)).tolist()
+        units = self.units
+        stiffnesses = with_units(
+            [f"{value:.4g}" for value in self.stiffness], [unit.stiffness for unit in units]
+        )
+        dampings = with_units(
+            [f"{value:.3g}" for value in self.damping], [unit.damping for unit in units]
+        )
         for i in seen:
             damping = ""
             interval = ""
             if not np.isinf(self.high[i]):  # otherwise stiffness has a bound alone
-                damping = f"{self.damping[i]:.3g}"
+                damping = dampings[i]
                 interval = f"[{self.damping_low[i]:.3g}, {self.damping_high[i]:.3g}]"
-            stiffness = f"{self.stiffness[i]:.4g}"
-            rows.append((self.joints[i], stiffness, self._interval(i), damping, interval))
-        yield Table(
-            ("", "[N m/rad]", "interval", "damping [N m s/rad]", "interval"), rows, words=(2, 4)
-        )
+            rows.append((self.joints[i], stiffnesses[i], self._interval(i), damping, interval))
+        stiffness_head = heading("", [unit.stiffness for unit in units]).strip() or "stiffness"
+        damping_head = heading("damping", [unit.damping for unit in units])
+        yield Table(("", stiffness_head, "interval", damping_head, "interval"), rows, words=(2, 4))
         if self.between is not None:
             yield (
                 f"{self.between.agree.sum()} of {self.between.compared.sum()} intervals agree"
@@ -226,6 +243,7 @@ def find_gears(
     seen = _seen(dynamics, records, band)
     rig = seen[0].record.rig
     labels = tuple(dynamics.chain.joint_labels)
+    units = tuple(dynamics.chain.joint_units)
     # Friction is found beside f only, as the torque of the links does not show it.
     if unknown is not None and (prior is not None or not alone):
         raise ValueError(
@@ -265,8 +283,8 @@ def find_gears(
             f" Check signs of its two encoders, their order, and gravity.{_likely(dynamics, seen)}"
         )
     stated = rig.drive.elasticity
-    gears = tuple(Gears.of(run, labels, stated) for run in runs)
-    return Gears.of(common, labels, stated, runs=gears, between=fit.between)
+    gears = tuple(Gears.of(run, labels, stated, units=units) for run in runs)
+    return Gears.of(common, labels, stated, units=units, runs=gears, between=fit.between)
 
 
 def _seen(

@@ -160,8 +160,7 @@ def _beyond(identification, reference, duration):
     # A little beyond the range, the model still holds.
     room = SETTINGS.beyond * (high - low)
     chain = identification.arm.dynamics.chain
-    for i, (link, label) in enumerate(zip(chain.links, chain.joint_labels, strict=True)):
-        unit = "m" if link.prismatic else "rad"
+    for i, (unit, label) in enumerate(zip(chain.joint_units, chain.joint_labels, strict=True)):
         # Angles by the range, speeds by the largest one: their sign does not matter.
         lowest = path.q[:, i].min()
         highest = path.q[:, i].max()
@@ -169,10 +168,11 @@ def _beyond(identification, reference, duration):
         texts = []
         if lowest < low[i] - room[i] or highest > high[i] + room[i]:
             texts.append(
-                f"{lowest:z.2f} to {highest:z.2f} {unit} (log: {low[i]:z.2f} to {high[i]:z.2f})"
+                f"{lowest:z.2f} to {highest:z.2f} {unit.position}"
+                f" (log: {low[i]:z.2f} to {high[i]:z.2f})"
             )
         if speed > (1 + SETTINGS.beyond) * fastest[i]:
-            texts.append(f"{speed:.2g} {unit}/s (log: {fastest[i]:.2g})")
+            texts.append(f"{speed:.2g} {unit.speed} (log: {fastest[i]:.2g})")
         if texts:
             lines.append(f"{label} {' and '.join(texts)}")
     return lines

@@ -227,7 +227,9 @@ class _Search:
             map(len, records)
         )
         self._efforts = efforts(parts[0])
-        self.joints = tuple(problem.dynamics.chain.joint_labels)
+        chain = problem.dynamics.chain
+        self.joints = tuple(chain.joint_labels)
+        self.slides = tuple(i for i, link in enumerate(chain.links) if link.prismatic)
         # Friction holds these joints, so no number of theirs follows from the log.
         self._idle = tuple(f"[{i}]" for i in still(records))
         self.point = self.point_at(optimum, step, bounds)
@@ -303,6 +305,7 @@ class _Search:
             named=tuple(sign for sign in estimates if not self._tolerated(sign.values)),
             stated=stated,
             joints=self.joints,
+            slides=self.slides,
         )
 
     def _candidates(self, point, signs):

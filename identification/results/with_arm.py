@@ -34,6 +34,10 @@ def _milliseconds(value):
     return 1e3 * value
 
 
+def _millimetres(value):
+    return 1e3 * value
+
+
 def _hertz(compliance):
     return compliance**-0.5
 
@@ -134,11 +138,12 @@ HYPOTHESES = (
     # In rad, and without a slope: widths are tried.
     ArmHypothesis(
         name="backlash",
-        sentence="the gear of {joint} has backlash, about {size:.1g} degrees: where its"
+        sentence="the gear of {joint} has backlash, about {size:.1g} {unit}: where its"
         " load changes sign, that is the model's accuracy floor",
         title="backlash",
         unit="degrees",
         convert=np.rad2deg,
+        of_slides=("mm", _millimetres),
         # No step: within its teeth a gear does not feel how wide they are apart.
         numbers=(Number(name="backlash", place="drive.elasticity.backlash", gives=True),),
         gears=True,

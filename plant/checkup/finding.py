@@ -177,7 +177,9 @@ class Checkup(Shown):
             self.ok,
         )
         rows = []
-        reasons = []
+        # Joints with the same advice, or reason, share its line.
+        advised: dict[tuple[str, str], list[str]] = {}
+        reasons: dict[tuple[str, str], list[str]] = {}
         for (check, verdict, unit, _), group in groups.items():
             # Joints of one group are listed below each other; the first has the numbers of all.
             label, *further_labels = self._labels([finding.joint for finding in group])
@@ -188,12 +190,14 @@ class Checkup(Shown):
             rows += [("", label, "", "") for label in further_labels]
             # All findings of a group have the same verdict, and those with advice are alone in
             # theirs.
+            labels = [name for name in (label, *further_labels) if name not in ("-", "all")]
             if group[0].advice:
-                yield f"{check}{'' if label == '-' else f', {label}'}: {group[0].advice}"
+                advised.setdefault((check, group[0].advice), []).extend(labels)
             if reason:
-                reasons.append(f"{check}: {verdict}")
+                reasons.setdefault((check, verdict), []).extend(labels)
+        yield from _by_joints(advised)
         yield Table(("check", "joint", "measured", "verdict"), rows, words=(1, 2, 3))
-        yield from reasons
+        yield from _by_joints(reasons)
         yield from self.failed
 
     def _labels(self, joints: list[int | None]) -> list[str]:
@@ -205,6 +209,12 @@ class Checkup(Shown):
         labels = self.joint_labels
         named = [labels[j] if labels else joint_label((), j) for j in joints if j is not None]
         return named or ["-"]
+
+
+def _by_joints(lines: dict[tuple[str, str], list[str]]) -> Iterator[str]:
+    """Lines of checks, each with its joints."""
+    for (check, line), labels in lines.items():
+        yield f"{', '.join((check, *labels))}: {line}"
 
 
 def _range_text(values: list[float], unit: str) -> str:

@@ -20,6 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 from plant.machine.inner_loop import Frame, InnerLoop
 from plant.machine.rig import Rig
 from plant.parts.arguments import known_options
+from plant.parts.messages import TURNS, JointUnits
 from plant.parts.part import Part, declared
 from plant.parts.vector import Field, Fields, vector_of
 from plant.realtime.c_export import write_c
@@ -178,6 +179,12 @@ class Law(Part, abc.ABC):
         # names only.
         arm = getattr(self, "arm", None)
         return rig.joint_labels if arm is None else arm.dynamics.chain.joint_labels
+
+    def joint_units(self, rig: Rig) -> list[JointUnits]:
+        """Units of the joints in messages; without an arm, as if all joints turned."""
+        # A rig counts pulses, and knows nothing of the joints behind them.
+        arm = getattr(self, "arm", None)
+        return [TURNS] * rig.n if arm is None else arm.dynamics.chain.joint_units
 
     def sliding(self) -> "Law":
         """This law without dry friction in its model, as linear analysis needs it."""

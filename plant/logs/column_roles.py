@@ -13,16 +13,19 @@ from plant.parts.fields import Floats
 # Quantity -> words of names that mean it. Of several quantities in a name the upper one counts:
 # `joint_position_error` is an error, `motor_current_position` is no position of a current.
 _QUANTITIES = {
-    "time": "t time times timestamp stamp zeit clock",
+    "time": "t time times timestamp stamp zeit zeitstempel uhrzeit clock",
     "valid": "valid",
     "temperature": "temp temps temperature temperatures temperatur",
-    "acceleration": "qdd ddq qddot acc accel acceleration accelerations",
-    "speed": "qd dq qdot vel vels velocity velocities speed speeds omega rpm drehzahl",
-    "torque": "tau torque torques trq effort efforts moment moments drehmoment",
-    "error": "error errors err deviation schleppfehler following",
-    "current": "current currents cur curr amps iq strom i",
-    "counts": "c count counts enc encoder encoders pulses ticks inc increments",
-    "position": "q qm ql qg pos position positions angle angles theta phi lage joint joints qpos",
+    "acceleration": "qdd ddq qddot acc accel acceleration accelerations beschleunigung beschl",
+    "speed": "qd dq qdot vel vels velocity velocities speed speeds omega rpm drehzahl"
+    " geschwindigkeit geschw",
+    "torque": "tau torque torques trq effort efforts moment moments drehmoment drehmomente mom",
+    "error": "error errors err deviation schleppfehler schlepp regelabweichung following",
+    "current": "current currents cur curr amps iq strom stroeme ströme motorstrom i",
+    "counts": "c count counts enc encoder encoders pulses ticks inc increments inkremente"
+    " inkr impulse zaehler zähler geber drehgeber",
+    "position": "q qm ql qg pos position positions angle angles theta phi lage joint joints qpos"
+    " winkel gelenk gelenke ang stellung achswinkel lageist lagesoll",
 }
 _WORDS = {word: quantity for quantity, words in _QUANTITIES.items() for word in words.split()}
 _ORDER = tuple(_QUANTITIES)
@@ -40,6 +43,17 @@ _JOINTS = frozenset(
         "ankle",
         "axis",
         "achse",
+        "schulter",
+        "ellbogen",
+        "ellenbogen",
+        "unterarm",
+        "hand",
+        "handgelenk",
+        "basis",
+        "sockel",
+        "hub",
+        "linear",
+        "schlitten",
         "gripper",
         "j",
     ]
@@ -58,11 +72,17 @@ _COMMANDED = frozenset(
         "set",
         "setpoint",
         "soll",
+        "sollwert",
+        "sollwerte",
+        "vorgabe",
+        "fuehrung",
         "action",
         "goal",
         "demand",
     ]
 )
+# Alone they mean positions in German logs, too: `soll_1`, `ist_1`.
+_GERMAN = frozenset(["soll", "sollwert", "sollwerte", "ist", "istwert", "istwerte"])
 _MEASURED = frozenset(
     [
         "actual",
@@ -73,10 +93,14 @@ _MEASURED = frozenset(
         "state",
         "observation",
         "ist",
+        "istwert",
+        "istwerte",
         "motor",
         "link",
     ]
 )
+# Words behind which a single letter names a joint; behind "joint" it is a quantity.
+_BEFORE_LETTERS = _GERMAN | {word for word in _WORDS if "joint" not in word}
 # A unit says more than a name.
 _OF_UNITS = {
     "time": ("s", "ms", "us", "ns"),
@@ -155,16 +179,35 @@ class Role:
         return f"{name} [{' or '.join(self.units)}]" if self.units else name
 
 
+def written_out(names: Iterable[str]) -> dict[str, str]:
+    """Name -> the name in which the letters s and i of a pair read `soll` and `ist`."""
+    every = set(names)
+    written = {}
+    for name in every:
+        match = re.search(r"_([si])(?=\d*$|_[^_]+$)", name)
+        written[name] = name
+        if match is not None:
+            front, end = name[: match.start(1)], name[match.end(1) :]
+            # Without its partner the letter is that of a joint.
+            if {f"{front}s{end}", f"{front}i{end}"} <= every:
+                written[name] = front + {"s": "soll", "i": "ist"}[match[1]] + end
+    return written
+
+
 def role_of(name: str, values: Floats, unit: str | None) -> Role:
     """The likely role of a column (N,) or block (N, k), whose unit the file may state."""
     words = _words(name)
+    # The letter of a joint is no quantity: `ang_i`, `soll_c`.
+    *front, last = words or [""]
+    lettered = len(last) == 1 and bool(front) and front[-1] in _BEFORE_LETTERS
+    words = front if lettered else words
     quantities = {_WORDS[word] for word in words if word in _WORDS}
     # LeRobot data sets name positions so, and goals `action`.
     if {"observation", "state"} <= set(words) or words == ["action"]:
         quantities |= {"position"}
     quantity = next((q for q in _ORDER if q in quantities), "other")
     # Exports by hand often have a column per joint, called by its name.
-    if quantity == "other" and not _JOINTS.isdisjoint(words):
+    if quantity == "other" and not (_JOINTS | _GERMAN).isdisjoint(words):
         quantity = "position"
     # A single letter such as i numbers joints as often as it means a current.
     if quantity == "current" and "position" in quantities and not {"q", "pos"}.isdisjoint(words):

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from plant.logs.column_roles import Role, fields_of, folder_of, groups_of, role_of
+from plant.logs.column_roles import Role, fields_of, folder_of, groups_of, role_of, written_out
 from plant.logs.logfile import LogTable, kind_of, load_errors, options_of, read_file
 from plant.logs.unit_words import without_unit
 from plant.logs.units import TIME, UNITS
@@ -174,12 +174,13 @@ def _likely(
     """Likely fields of a record, and the role of each column."""
     # What the file states beside a name is more certain than brackets in it.
     units = {name: stated.get(name) or without_unit(name)[1] for name in columns}
-    roles = {name: role_of(name, values, units[name]) for name, values in columns.items()}
+    called = written_out(columns)
+    roles = {name: role_of(called[name], values, units[name]) for name, values in columns.items()}
     # The joint that moves most decides about the unit of all.
     for names in groups_of(roles).values():
         if roles[names[0]].quantity in ("position", "torque", "current"):
             together = np.concatenate([columns[name] for name in names])
-            roles |= {name: role_of(name, together, units[name]) for name in names}
+            roles |= {name: role_of(called[name], together, units[name]) for name in names}
     # Only now, since a word in any name is better evidence of a time than its values.
     roles = _with_time(columns, roles)
     return _of_one_length(fields_of(roles, n), columns, roles), roles

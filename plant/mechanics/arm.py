@@ -73,7 +73,7 @@ class Arm(Part):
     def forward(self, q: ArrayLike, qd: ArrayLike, tau: ArrayLike) -> Floats:
         """Forward dynamics: acceleration (n,) [rad/s^2] without friction; D(q) must be positive."""
         # D(q) of a poor estimate of f may be singular: no acceleration is right then.
-        tau = array("tau", tau, (self.n,), advice="One torque per joint [N m].")
+        tau = array("tau", tau, (self.n,), advice="One torque per joint [N m, of slides N].")
         self.require_positive(q)
         # qdd = D^-1 (tau - h). A solve, not the inverse of D, which would lose digits.
         return np.asarray(np.linalg.solve(self.D(q), tau - self.h(q, qd)), dtype=float)

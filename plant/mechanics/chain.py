@@ -19,7 +19,7 @@ from plant.mechanics.placement import Placement
 from plant.mechanics.urdf_file import read_urdf
 from plant.parts.arguments import array, choice, instance, real
 from plant.parts.fields import Nested
-from plant.parts.messages import joint_labels
+from plant.parts.messages import JointUnits, joint_labels
 from plant.parts.part import Part, part, structure
 
 _KEYS = ("alpha", "a", "d", "theta", "prismatic", "name")
@@ -107,6 +107,16 @@ class Chain(Part):
     def joint_labels(self) -> list[str]:
         """Labels of the joints, by their links' names (`joint_label`)."""
         return joint_labels([link.name for link in self.links], self.n)
+
+    @property
+    def joint_units(self) -> list[JointUnits]:
+        """Units of the joints: those of slides are m and N."""
+        return [link.units for link in self.links]
+
+    @property
+    def effort_units(self) -> list[str]:
+        """Units of the joints' torques: N of a slide."""
+        return [unit.effort for unit in self.joint_units]
 
     def tilted(self, rotation: ArrayLike) -> Chain:
         """The same chain on a tilted base.

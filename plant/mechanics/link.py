@@ -8,6 +8,7 @@ import numpy as np
 from plant.mechanics.placement import Placement, exact
 from plant.parts.arguments import signs
 from plant.parts.fields import Floats, Vector
+from plant.parts.messages import SLIDES, TURNS, JointUnits
 from plant.parts.part import Part, number, part, structure
 
 # No arm has a longer link [m]; lengths given in mm exceed it.
@@ -84,6 +85,11 @@ class Link(Part):
                 raise ValueError(
                     f"{name} of link {self.name} must be {rule}; got {value:g}. {advice}"
                 )
+
+    @property
+    def units(self) -> JointUnits:
+        """Units of its joint in tables and messages."""
+        return SLIDES if self.prismatic else TURNS
 
     def rotation(self, q: ca.SX) -> tuple[ca.SX, ca.SX]:
         """Rotation (3, 3) and origin (3,) [m] of this link's frame in that of the previous link."""

@@ -2,7 +2,7 @@
 
 import tomllib
 from collections.abc import Iterator
-from dataclasses import field
+from dataclasses import field, replace
 from pathlib import Path
 from typing import Any, cast
 
@@ -95,8 +95,13 @@ class Robot(Frozen):
             object.__setattr__(self, "dynamics", self.arm.dynamics)
         if self.arm is not None and self.arm.dynamics != self.dynamics:
             raise ValueError("dynamics must be those of the arm; got others. Leave them out.")
+        chain = self.dynamics.chain  # type: ignore[union-attr]  # set above
         # The number of joints, and the kind of each.
-        self.rig.require_fit(self.dynamics.chain)  # type: ignore[union-attr]  # set above
+        self.rig.require_fit(chain)
+        # Checks of a log know the rig alone: it names its joints as the arm does.
+        if not self.rig.drive.joints:
+            drive = replace(self.rig.drive, joints=tuple(link.name for link in chain.links))
+            object.__setattr__(self, "rig", replace(self.rig, drive=drive))
         if self.columns is not None:
             mapped_names(self.columns, self.units)
         for key in ("columns", "units"):

@@ -111,11 +111,12 @@ def shortest_duration(arm: Arm, rig: Rig, reference: Any, share: float = 0.9) ->
     if (torque >= limit).any():
         # The instant and the joint at which the limit is exceeded most.
         i, joint = np.unravel_index(np.argmax(torque / limit), torque.shape)
+        chain = arm.dynamics.chain
         raise ValueError(
             "path must be one along which the drives can hold the arm and creep;"
-            f" {arm.dynamics.chain.joint_labels[joint]} needs {torque[i, joint]:.4g} of"
-            f" {limit[joint]:.4g} N m at t = {t[i]:.3f} s, q = {np.round(motion[0][i], 3)}. Raise"
-            " share or the limit, or leave that place out."
+            f" {chain.joint_labels[joint]} needs {torque[i, joint]:.4g} of {limit[joint]:.4g}"
+            f" {chain.joint_units[joint].effort} at t = {t[i]:.3f} s, q ="
+            f" {np.round(motion[0][i], 3)}. Raise share or the limit, or leave that place out."
         )
 
     def within(v: float) -> bool:

@@ -103,11 +103,13 @@ class LinkReference(Derived):
         limit = drive.torque_limit()
         if (torque > limit).any():
             i, joint = np.unravel_index(np.argmax(torque / limit), torque.shape)
-            motor = self.arm.dynamics.chain.joint_labels[joint]
-            needed = f"{torque[i, joint]:.3g} of {limit[joint]:.3g}"
+            chain = self.arm.dynamics.chain
+            motor = chain.joint_labels[joint]
+            unit = chain.joint_units[joint].effort
+            needed = f"{torque[i, joint]:.3g} of {limit[joint]:.3g} {unit}"
             raise ValueError(
                 f"reference must be smooth, with a bounded snap; at t = {t[i]:.3f} s the motor of"
-                f" {motor} needs {needed} N m to wind its gear. Put a Spline through fewer points,"
+                f" {motor} needs {needed} to wind its gear. Put a Spline through fewer points,"
                 " or slow it down."
             )
 

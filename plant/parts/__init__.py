@@ -16,15 +16,24 @@ from plant.parts.checkpoint import Checkpoint
 from plant.parts.fields import Bools, Floats, Integers, Nested, Vector
 from plant.parts.frozen import Frozen, frozen
 from plant.parts.kinds import kept
-from plant.parts.messages import ProgressBar, progress_bar, warn
+from plant.parts.messages import TURNS, JointUnits, ProgressBar, progress_bar, warn
 from plant.parts.part import Part, number, part, structure
 from plant.parts.saved import Saved
 from plant.parts.settings import Settings, frozen_settings
 from plant.parts.shown import Aside, Piece, Shown, Verdict, Warned
-from plant.parts.tables import Table, by_joint, significant
+from plant.parts.tables import (
+    Table,
+    by_joint,
+    heading,
+    largest,
+    largest_cell,
+    significant,
+    with_units,
+)
 from plant.parts.vector import Fields, per_joint, scalars
 
 __all__ = [
+    "TURNS",
     "Aside",
     "Bools",
     "Checkpoint",
@@ -32,6 +41,7 @@ __all__ = [
     "Floats",
     "Frozen",
     "Integers",
+    "JointUnits",
     "Nested",
     "Part",
     "Piece",
@@ -48,9 +58,12 @@ __all__ = [
     "choice",
     "frozen",
     "frozen_settings",
+    "heading",
     "instance",
     "kept",
     "known_options",
+    "largest",
+    "largest_cell",
     "near",
     "number",
     "part",
@@ -63,4 +76,5 @@ __all__ = [
     "structure",
     "warn",
     "whole",
+    "with_units",
 ]

@@ -5,7 +5,7 @@ import contextvars
 import sys
 import warnings
 from collections.abc import Callable, Iterator, Sequence
-from typing import Any, TypeAlias
+from typing import Any, NamedTuple, TypeAlias
 
 from tqdm import tqdm
 
@@ -115,6 +115,25 @@ def progress_bar(total: float | None, label: str, unit: str, shown: bool) -> Ite
         options |= {"bar_format": _FORMAT, "smoothing": 0, "miniters": 0}
     with tqdm(total=total, desc=label, **options) as drawn, _outermost():
         yield ProgressBar(total, drawn.update, drawn.set_postfix_str)
+
+
+class JointUnits(NamedTuple):
+    """Units of a joint in tables and messages: `TURNS` or `SLIDES`."""
+
+    position: str
+    effort: str
+    stiffness: str
+    damping: str
+    inertia: str
+
+    @property
+    def speed(self) -> str:
+        """Of its rate."""
+        return f"{self.position}/s"
+
+
+TURNS = JointUnits("rad", "N m", "N m/rad", "N m s/rad", "kg m^2")
+SLIDES = JointUnits("m", "N", "N/m", "N s/m", "kg")
 
 
 def joint_label(names: Sequence[str], joint: int) -> str:

@@ -167,6 +167,33 @@ class Table:
         return lines
 
 
+def heading(title: str, units: Sequence[str]) -> str:
+    """A title with the unit of all joints; without where joints slide: then cells have theirs."""
+    return f"{title} [{units[0]}]" if len(set(units)) == 1 else title
+
+
+def with_units(cells: Iterable[str], units: Sequence[str]) -> list[str]:
+    """The cells of all joints, each with its unit where these differ."""
+    if len(set(units)) == 1:
+        return list(cells)
+    return [f"{cell} {unit}" for cell, unit in zip(cells, units, strict=True)]
+
+
+def largest(values: Sequence[float], units: Sequence[str]) -> list[int]:
+    """Joints with the largest of the values in each unit: N and N m do not compare."""
+    joints = range(len(units))
+    return [
+        max((j for j in joints if units[j] == unit), key=lambda j: values[j])
+        for unit in dict.fromkeys(units)
+    ]
+
+
+def largest_cell(values: Sequence[float], units: Sequence[str]) -> str:
+    """The largest of the values of all joints, of each unit."""
+    cells = with_units(map(significant, values), units)
+    return ", ".join(cells[j] for j in largest(values, units))
+
+
 def by_joint(labels: Sequence[str], quantities: Sequence[Sequence[str]]) -> Table:
     """A table of quantities, each a title and one cell per joint; joints may become rows.
 

@@ -9,6 +9,7 @@ from plant.machine.rig import Rig
 from plant.mechanics.arm import Arm
 from plant.parts.arguments import array, instance, known_options, real
 from plant.parts.fields import Floats
+from plant.parts.messages import TURNS
 from plant.parts.settings import frozen_settings
 from plant.realtime.guards import Guards
 
@@ -146,6 +147,7 @@ class FirstMotion:
         # `_begin` bounds the motion of the whole test, `_latest` are the counts of the last call.
         self._begin = self._latest = counts
         self._labels = rig.joint_labels
+        self._units = [TURNS] * n if arm is None else arm.dynamics.chain.joint_units
         self._plan = self._motors()
         self._torque = self._weight
         # The generator runs to its first torque, so that the first call of `step` sends it counts.
@@ -268,8 +270,9 @@ class FirstMotion:
         mover = int(np.abs(moved).argmax())
         if abs(moved[mover]) < SETTINGS.counts:
             largest = np.abs(push).max()
+            unit = self._units[motor].effort
             return (
-                f"no count moved up to {largest:.3g} N m: a brake, an encoder or an amplifier"
+                f"no count moved up to {largest:.3g} {unit}: a brake, an encoder or an amplifier"
                 " without power?"
             )
         if mover != motor:

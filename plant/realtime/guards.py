@@ -221,7 +221,7 @@ class Guards:
                 )
 
     def warn_of_units(self, rig: Rig) -> None:
-        """Warn of limits that stop no arm: angles in degrees."""
+        """Warn of limits that stop no arm: angles in degrees, or positions in mm."""
         low, high, speed, _ = self.motion_limits(rig)
         # No joint of an arm turns so far, from end to end, nor so far in a second.
         limit = 2 * np.pi * DEFAULTS.arm_turns
@@ -229,13 +229,13 @@ class Guards:
             # Infinite limits are no limits, and no mistake.
             if np.isfinite(high[i] - low[i]) and high[i] - low[i] > limit:
                 warn(
-                    f"position of Guards lets {label} turn from {low[i]:g} to {high[i]:g} rad: is"
-                    " it in degrees?"
+                    f"position of Guards lets {label} move from {low[i]:g} to {high[i]:g}, in rad"
+                    " or m: is it in degrees or mm?"
                 )
             if limit < speed[i] < np.inf:
                 warn(
-                    f"speed of Guards lets {label} turn at {speed[i]:g} rad/s: is it in degrees per"
-                    " second?"
+                    f"speed of Guards lets {label} move at {speed[i]:g}, in rad/s or m/s: is it in"
+                    " degrees or mm per second?"
                 )
 
     def limits(self, rig: Rig) -> Floats:

@@ -300,7 +300,9 @@ class Running:
 
     @property
     def status(self) -> Status:
-        return Status.of(self._run, self.law.joint_labels(self.rig), self._weighs)
+        return Status.of(
+            self._run, self.law.joint_labels(self.rig), self.law.joint_units(self.rig), self._weighs
+        )
 
     def _row(self, name: str) -> Floats:
         """Copy (n,) of a field of the joints."""

@@ -13,6 +13,7 @@ from plant.parts.arguments import array
 from plant.parts.fields import Floats
 from plant.parts.files import require_new
 from plant.parts.mcap_file import STATUS, McapFile, joint_topics
+from plant.parts.messages import TURNS, JointUnits
 from plant.realtime import memory as layout
 from plant.realtime.pieces import RAMP
 from plant.realtime.watching import FAR
@@ -97,12 +98,14 @@ class Status(str):
     __slots__ = ("brake",)
 
     @classmethod
-    def of(cls, run: Any, labels: Sequence[str], gravity: bool) -> Self:
-        """Status by the memory's record `run` and the labels of the joints.
+    def of(
+        cls, run: Any, labels: Sequence[str], units: Sequence[JointUnits], gravity: bool
+    ) -> Self:
+        """Status by the memory's record `run`, and the labels and units of the joints.
 
         `gravity` says that ramps end with gravity compensation.
         """
-        status = cls(_sentence(run, labels, gravity))
+        status = cls(_sentence(run, labels, units, gravity))
         # Under a hold the law carries the arm, and until a ramp has ended some of its torque
         # remains.
         ramped = run.since >= RAMP * run.duration
@@ -112,11 +115,12 @@ class Status(str):
         return status
 
 
-def _sentence(run: Any, labels: Sequence[str], gravity: bool) -> str:
+def _sentence(run: Any, labels: Sequence[str], units: Sequence[JointUnits], gravity: bool) -> str:
     event = run.event
     if event == layout.RUNNING:
         return "running"
-    reason = wording(event, labels[int(run.event_joint)], run.event_amount)
+    joint = int(run.event_joint)
+    reason = wording(event, labels[joint], run.event_amount, units[joint])
     call = run.event_call
     if run.cause == layout.RUNNING:
         return f"running; bridged {reason} at call {call:.0f}"
@@ -135,12 +139,12 @@ def _sentence(run: Any, labels: Sequence[str], gravity: bool) -> str:
     hint = ""
     # So early the units or the start of the reference are the likely reason.
     if event == layout.IS_OFF and call <= FIRST_CALLS:
-        hint = "; a reference is in rad, and begins where the arm is"
+        hint = f"; a reference is in {units[joint].position}, and begins where the arm is"
     return f"safe stop, {end}: {reason}{again}, at call {call:.0f}{hint}"
 
 
-def wording(cause: float, joint: str, amount: float) -> str:
-    """A cause in words, with the joint's label and the amount that the core has noted."""
+def wording(cause: float, joint: str, amount: float, units: JointUnits = TURNS) -> str:
+    """A cause in words, with the joint's label and units, and the amount that the core noted."""
     return {
         layout.RUNNING: "",
         layout.WAS_LATE: f"a call that came {1e3 * amount:.3g} ms late",
@@ -153,15 +157,16 @@ def wording(cause: float, joint: str, amount: float) -> str:
         layout.IS_OFF: f"{joint} is {abs(amount):.0f} pulses from its reference",
         layout.NO_COUNTS: f"counts of {joint} that are no whole numbers",
         layout.IS_DEAD: (
-            f"the encoder of {joint} stands still while its torque changed by {abs(amount):.0f} N m"
+            f"the encoder of {joint} stands still while its torque changed by {abs(amount):.0f}"
+            f" {units.effort}"
         ),
         layout.BAD_TIME: f"a clock that moved by {amount:.3g} s",
         layout.OFF_BEAT: (
             f"calls lost or doubled: the reference moves at {amount:.2f} times its speed"
         ),
-        layout.OUTSIDE: f"{joint} is outside its limits, at {amount:.4g} rad",
+        layout.OUTSIDE: f"{joint} is outside its limits, at {amount:.4g} {units.position}",
         layout.TOO_FAST: f"{joint} is faster than its limit, at {amount:.0f} pulses/s",
-        layout.TOO_STEEP: f"a torque of {joint} that changes by {amount:.3g} N m/s",
+        layout.TOO_STEEP: f"a torque of {joint} that changes by {amount:.3g} {units.effort}/s",
         layout.OPPOSES: (
             f"{joint} moved by {abs(amount):.0f} pulses against its torque, which is at its limit"
         ),
@@ -169,7 +174,9 @@ def wording(cause: float, joint: str, amount: float) -> str:
         layout.IS_SATURATED: (
             f"the torque of {joint} was at its limit for {1e3 * amount:.0f} of 100 ms"
         ),
-        layout.CHATTERS: f"the torque of {joint} swings by {amount:.0f} N m about its mean",
+        layout.CHATTERS: (
+            f"the torque of {joint} swings by {amount:.0f} {units.effort} about its mean"
+        ),
     }[int(cause)]
 
 

@@ -114,6 +114,12 @@ def test_what_an_identification_leaves_open_lowers_the_bound():
     vague = dataclasses.replace(estimate, fit=wide)
     with pytest.raises(ValueError, match="assist must be at most"):
         Float(vague, assist=0.7)
+    # What nobody states is what the joint allows, and a warning names it.
+    assert Float(estimate).assist == 0.7
+    with pytest.warns(UserWarning, match=r"joint \d \(q\[\d\]\) could drive itself"):
+        law = Float(vague)
+    assert 0.3 < law.assist < 0.7
+    assert Float(vague, assist=law.assist).assist == law.assist
 
 
 def test_the_verdict_shows_the_force_of_the_hand_before_and_after():

@@ -350,11 +350,11 @@ def test_a_certificate_of_few_samples_does_not_contradict_the_search(tuning):
 def test_it_says_what_known_gears_would_gain(tuning):
     """Only where they keep the limit, with much less chatter, or where nothing else keeps it."""
     loud = max(min(tuning.trials, key=lambda trial: trial.rank).chatter)
-    quiet = KnownGears(hz=42.0, left=0, of=50, chatter=0.1 * loud)
+    quiet = KnownGears(hz=42.0, left=0, of=50, chatter=(0.1 * loud,) * ARM.n)
     with_them = dataclasses.replace(tuning, known_gears=(quiet,))
     assert "42 Hz known to 10 %" in text_of(with_them)
     assert "elasticity=True" in text_of(with_them)
-    for change in ({"left": 1}, {"chatter": 0.9 * loud}):
+    for change in ({"left": 1}, {"chatter": (0.9 * loud,) * ARM.n}):
         other = quiet._replace(**change)
         assert "elasticity=True" not in text_of(dataclasses.replace(tuning, known_gears=(other,)))
 

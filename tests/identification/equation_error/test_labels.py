@@ -55,6 +55,10 @@ def test_a_sliding_link_has_a_mass():
     body = Body(mass=2.0, com=(0.1, 0.2, 0.05), inertia=(0.1, 0, 0, 0.1, 0, 0.1))
     dynamics = Dynamics.from_chain(Chain(links=links, bodies=(body, body)))
     assert "kg" in units(dynamics, dynamics.names)
+    # Its rotor counts as mass, and its gear as a spring along a way.
+    assert units(dynamics, ["J2"]) == ("kg",)
+    stiffness = "drive.elasticity.stiffness[0]", "drive.elasticity.stiffness[1]"
+    assert units(dynamics, stiffness) == ("N m/rad", "N/m")
 
 
 def test_the_papers_parameters_and_numbers_of_rig_and_law():

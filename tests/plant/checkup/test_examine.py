@@ -36,7 +36,7 @@ from plant import (
     replay,
     simulate,
 )
-from plant.checkup.finding import Checkup
+from plant.checkup.finding import Check, Checkup
 from plant.checkup.quantisation import comb
 
 ARM, RIG, LAW, PATH = puma560.arm(), puma560.rig(), puma560.p_law(), puma560.reference()
@@ -797,6 +797,14 @@ def test_any_record_can_be_examined(data, N, n):
         assert finding.value is None or np.isfinite(finding.value)
         assert bool(finding.advice) == (finding.verdict in ("look", "wrong")), finding
     assert len(str(checkup).splitlines()) >= 5
+
+
+def test_joints_with_the_same_advice_share_its_line():
+    """Each of three joints has the same finding: one line names all of them."""
+    findings = tuple(Check("units of torque", joint).wrong(2.0, "Divide.") for joint in range(3))
+    text = str(Checkup(findings=findings, joint_labels=("a", "b", "c", "d")))
+    (line,) = [line for line in text.splitlines() if "Divide." in line]
+    assert line.startswith("units of torque, a, b, c:")
 
 
 def test_print_is_a_table_and_findings_are_frozen(records):
