@@ -76,8 +76,8 @@ def records_of(
     options: dict[str, Any] = {}
     if robot is not None:
         # What a robot file says about logs; the rest of it is about the arm.
-        names = ("rig", "law", "columns", "units", "torque_delay")
-        options = {name: getattr(robot, name) for name in names}
+        names = ("law", "columns", "units", "torque_delay")
+        options = {"rig": robot.named_rig} | {name: getattr(robot, name) for name in names}
     records = read_records(paths, **options)
     return records if cut is None else tuple(record.cut(*cut) for record in records)
 

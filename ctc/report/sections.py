@@ -11,7 +11,7 @@ from ctc.certification.certificates import Certificates
 from ctc.report.page import figure, section
 from identification.equation_error.naming import units as units_of
 from identification.results.seen import counted, drifting, seen
-from identification.results.summary import doubts
+from identification.results.summary import doubts, explained_torque
 from plant.parts.shown import body, details, items, preformatted, table, text
 
 _UNRELIABLE = ", of an unreliable identification"
@@ -166,7 +166,7 @@ def _fit(identification: Any) -> str:
     summary = f"Errors measured and simulated with these values differ by {amount}; {scale}."
 
     # 2. The torque, joint by joint, of the logs that have one: the same metric for every fit.
-    torques = []
+    torques = [f"<p>{text(_sentence(line))}.</p>" for line in explained_torque(identification)]
     for use, name, record in _named(identification):
         if record.torque is not None or record.current is not None:
             error = identification.error_on(record)

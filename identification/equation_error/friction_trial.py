@@ -13,6 +13,7 @@ from identification.equation_error.band_choice import tried
 from identification.equation_error.regressor import System
 from plant import Drive, FrictionCurve
 from plant.parts import Floats, Shown, frozen, frozen_settings
+from plant.parts.tables import listed
 
 KINDS = ("asymmetric", "load-dependent", "Stribeck", "saturating viscous", "rising")
 
@@ -117,16 +118,11 @@ class FrictionTrial(Shown):
     @property
     def advice(self) -> str:
         """The friction with its levels, and what to do about it, in a line."""
-        # Of load-dependent friction levels are shares, without a unit.
-        units = [""] if self.kind == LOAD_DEPENDENT else self.units
-        shared = len(set(units)) == 1
-        levels = ", ".join(
-            "-" if np.isnan(level) else f"{level:.2g}{'' if shared else f' {unit}'}"
-            for level, unit in zip(self.levels, self.units, strict=True)
-        )
-        ending = f" {units[0]}".rstrip() if shared else ""
+        levels = ["-" if np.isnan(level) else f"{level:.2g}" for level in self.levels]
+        # Of load-dependent friction they are shares, without a unit.
+        shown = ", ".join(levels) if self.kind == LOAD_DEPENDENT else listed(levels, self.units)
         return (
-            f"friction is {self._short()}; its levels on the joints' shafts are {levels}{ending}:"
+            f"friction is {self._short()}; its levels on the joints' shafts are {shown}:"
             f" {_ADVICE[self.kind]}"
         )
 

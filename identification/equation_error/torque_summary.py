@@ -12,6 +12,7 @@ from identification.equation_error.least_squares import NORMAL
 from identification.equation_error.naming import short_names
 from plant.parts import Aside, Bools, Piece, Table, Verdict, Warned, frozen_settings
 from plant.parts.shown import inside
+from plant.parts.tables import listed
 
 
 @frozen_settings
@@ -98,8 +99,9 @@ def _choices(fit: Any) -> Iterator[Piece]:
         )
         yield _trials(fit.bands)
     if fit.least_speeds and fit.least_speed is not None:
-        speeds = ", ".join(f"{speed:.3g}" for speed in fit.least_speed)
-        yield f"least speeds {speeds} rad/s, chosen in the same way, compared at higher speeds:"
+        units = [unit.speed for unit in fit.dynamics.chain.joint_units]
+        speeds = listed([f"{speed:.3g}" for speed in fit.least_speed], units)
+        yield f"least speeds {speeds}, chosen in the same way, compared at higher speeds:"
         yield _trials(fit.least_speeds)
 
 

@@ -150,7 +150,8 @@ class Assumed(Shown, Frozen):
         return f"{len(self.names)} assumed numbers, {len(self.unknown)} values"
 
     def _shown(self) -> Iterator[Piece]:
-        limit = f"from {_LITTLE:g} standard deviations on"
+        # Intervals count gears only as far as their tolerance goes, and gains not at all.
+        limit = f"from {_LITTLE:g} standard deviations on; no interval counts gains of motors"
         yield f"1 % more of an assumed number moves what is found by ({limit}):"
         rows = []
         for name, moves in zip(self.names, self.moves, strict=True):

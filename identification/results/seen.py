@@ -9,6 +9,7 @@ import numpy as np
 from identification.equation_error.excitation import unexcited
 from plant import Record, Reference
 from plant.parts import Floats, Frozen, Piece, Table, frozen, frozen_settings, kept
+from plant.parts.arguments import several
 
 APART = 20  # samples from one position to the next for a speed
 
@@ -31,6 +32,10 @@ class CoverageSettings:
         Coefficient of a parameter, relative to the largest, below which it is not named.
     by_chance : float
         Probability with which a log contradicts a prior that is right.
+    deciding : float
+        Share of the variance of a value, due to tolerances, from which on its name is printed.
+    named : int
+        Such values whose names are printed, at most.
     least_pull : float
         Relative variance that even a narrow prior loses to the log, at least.
     """
@@ -41,6 +46,8 @@ class CoverageSettings:
     terms: int = 3
     coefficient: float = 0.2
     by_chance: float = 1e-4
+    deciding: float = 0.3
+    named: int = 5
     least_pull: float = 1e-3
 
 
@@ -125,13 +132,17 @@ def counted(identification: Any) -> str:
     if not shares or not tolerances.within:
         return text
     names = dict(zip(identification.fit.unknown, identification.short_names, strict=True))
-    most = max(shares, key=shares.__getitem__)
+    # Those that decide about a value, and the largest share of all others.
+    large = [name for name in shares if shares[name] > SETTINGS.deciding]
+    large.sort(key=lambda name: -shares[name])
+    parts = [f"{shares[name]:.0%} of that of {names[name]}" for name in large]
+    others = [share for name, share in shares.items() if name not in large]
+    rest = f"at most {max(others):.0%} of the variance of a value" if others else ""
+    if large:
+        rest = f"{rest}; but {several(parts, SETTINGS.named)}" if rest else several(parts)
     default = type(tolerances)() == tolerances
-    source = "nobody stated these tolerances: they are defaults, and" if default else "they are"
-    return (
-        f"{text}; {source} {np.median(list(shares.values())):.0%} of a variance (median), of"
-        f" {names[most]} {shares[most]:.0%}; tolerances=Tolerances(gear=...) states yours"
-    )
+    source = "nobody stated these tolerances: they are defaults, and" if default else "they"
+    return f"{text}; {source} make up {rest}; tolerances=Tolerances(gear=...) states yours"
 
 
 def _resonance(identification):

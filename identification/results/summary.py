@@ -131,7 +131,7 @@ def summary_of(result: Any, full: bool) -> Iterator[Piece]:
             yield "what differs between runs is not in the intervals"
 
     # 3. Tests, and assumptions that no test can reveal.
-    yield from _explained(result)
+    yield from explained_torque(result)
     yield from inside(result.diagnostics)
     if drift := drifting(result):
         yield drift
@@ -237,7 +237,7 @@ def _noise_of_torque(result: Any) -> Iterator[Piece]:
     )
 
 
-def _explained(result: Any) -> Iterator[Piece]:
+def explained_torque(result: Any) -> Iterator[str]:
     """How much of the torque of each joint the values explain."""
     labels = result.arm.dynamics.chain.joint_labels
     shares = [

@@ -95,13 +95,8 @@ class Robot(Frozen):
             object.__setattr__(self, "dynamics", self.arm.dynamics)
         if self.arm is not None and self.arm.dynamics != self.dynamics:
             raise ValueError("dynamics must be those of the arm; got others. Leave them out.")
-        chain = self.dynamics.chain  # type: ignore[union-attr]  # set above
         # The number of joints, and the kind of each.
-        self.rig.require_fit(chain)
-        # Checks of a log know the rig alone: it names its joints as the arm does.
-        if not self.rig.drive.joints:
-            drive = replace(self.rig.drive, joints=tuple(link.name for link in chain.links))
-            object.__setattr__(self, "rig", replace(self.rig, drive=drive))
+        self.rig.require_fit(self.dynamics.chain)  # type: ignore[union-attr]  # set above
         if self.columns is not None:
             mapped_names(self.columns, self.units)
         for key in ("columns", "units"):
@@ -110,6 +105,15 @@ class Robot(Frozen):
                 # TOML reads lists, so a robot with tuples would differ from its own file.
                 lists = {k: list(v) if isinstance(v, tuple) else v for k, v in table.items()}
                 object.__setattr__(self, key, lists)
+
+    @property
+    def named_rig(self) -> Rig:
+        """The rig, with joints that have names: of its drive, otherwise of the links."""
+        # Checks of a log know the rig alone, and their messages name joints as the arm does.
+        if self.rig.drive.joints or self.dynamics is None:
+            return self.rig
+        names = tuple(link.name for link in self.dynamics.chain.links)
+        return replace(self.rig, drive=replace(self.rig.drive, joints=names))
 
 
 def read_robot(path: str | Path) -> Robot:

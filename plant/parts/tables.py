@@ -179,6 +179,12 @@ def with_units(cells: Iterable[str], units: Sequence[str]) -> list[str]:
     return [f"{cell} {unit}" for cell, unit in zip(cells, units, strict=True)]
 
 
+def listed(cells: Iterable[str], units: Sequence[str]) -> str:
+    """The cells of all joints in a sentence, with their unit once, or each with its own."""
+    shared = f" {units[0]}" if len(set(units)) == 1 else ""
+    return f"{', '.join(with_units(cells, units))}{shared}"
+
+
 def largest(values: Sequence[float], units: Sequence[str]) -> list[int]:
     """Joints with the largest of the values in each unit: N and N m do not compare."""
     joints = range(len(units))

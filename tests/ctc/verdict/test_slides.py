@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from ctc import ComputedTorque, compare, evaluate
-from plant import Body, Chain, Drive, Dynamics, Encoder, Harmonics, Link, Rig, write_robot
+from ctc.commandline.inputs import records_of
+from plant import Body, Chain, Drive, Dynamics, Encoder, Harmonics, Link, Rig, simulate, write_robot
 from plant.models.robot_file import Robot, read_robot
 from plant.parts.tables import heading, largest, largest_cell, with_units
 
@@ -61,11 +62,11 @@ def test_newtons_are_not_compared_with_newton_metres():
     assert with_units(["1", "2"], UNITS) == ["1 N m", "2 N"]
 
 
-def test_a_robot_file_names_the_joints_of_its_rig_after_the_links(machine, tmp_path):
-    """Checks of a log, which know the rig alone, then name joints as the arm does."""
-    arm, rig, _, _ = machine
+def test_the_command_line_names_the_joints_of_a_rig_after_the_links(machine, tmp_path):
+    """Checks of a log know the rig alone."""
+    arm, rig, law, path = machine
     assert rig.joint_labels[1] == "joint q[1]"
-    robot = Robot(rig=rig, arm=arm)
-    assert robot.rig.joint_labels == arm.dynamics.chain.joint_labels
-    write_robot(robot, tmp_path / "a.toml")
-    assert read_robot(tmp_path / "a.toml") == robot
+    write_robot(Robot(rig=rig, arm=arm), tmp_path / "a.toml")
+    simulate(arm, rig, law, path, duration=0.1).to_csv(tmp_path / "log.csv")
+    (record,) = records_of([str(tmp_path / "log.csv")], read_robot(tmp_path / "a.toml"))
+    assert record.rig.joint_labels == arm.dynamics.chain.joint_labels
