@@ -10,6 +10,8 @@ import math
 import textwrap
 from collections.abc import Iterable, Sequence
 
+from plant.parts.fields import Floats
+
 WIDTH = 80  # letters of a line at most
 
 _GAP = "  "
@@ -185,7 +187,7 @@ def listed(cells: Iterable[str], units: Sequence[str]) -> str:
     return f"{', '.join(with_units(cells, units))}{shared}"
 
 
-def largest(values: Sequence[float], units: Sequence[str]) -> list[int]:
+def largest(values: Sequence[float] | Floats, units: Sequence[str]) -> list[int]:
     """Joints with the largest of the values in each unit: N and N m do not compare."""
     joints = range(len(units))
     return [
@@ -194,7 +196,7 @@ def largest(values: Sequence[float], units: Sequence[str]) -> list[int]:
     ]
 
 
-def largest_cell(values: Sequence[float], units: Sequence[str]) -> str:
+def largest_cell(values: Sequence[float] | Floats, units: Sequence[str]) -> str:
     """The largest of the values of all joints, of each unit."""
     cells = with_units(map(significant, values), units)
     return ", ".join(cells[j] for j in largest(values, units))
