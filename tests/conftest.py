@@ -4,18 +4,23 @@ done.
 Files go to workers as a whole (`--dist loadfile` in pyproject.toml): fixtures of a module are made
 once. Each worker is one thread for linear algebra: two that wait for each other on a shared core
 take twice the time of an identification.
+
+numba makes so many objects that Python's search for cycles takes a sixth of its time, at the usual
+threshold and over all tests that were collected: it is done seldom, and leaves those out.
 """
 
+import gc
 import os
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # read when numpy is loaded
 
 LONGEST = (
+    "test_stepwise",
     "test_commandline",
     "test_examples_of_the_reference",
     "test_methods",
     "test_tune",
-    "test_stepwise",
+    "test_any_rig",
     "test_effects",
     "test_plots",
     "test_c_running",
@@ -23,6 +28,9 @@ LONGEST = (
     "test_logged_load",
     "test_gears",
     "test_elastic",
+    "test_heavy_load",
+    "test_between_records",
+    "test_undetermined",
     "test_guards",
     "test_replayed",
     "test_model_laws",
@@ -39,7 +47,13 @@ LONGEST = (
 )
 """By processor time from an empty kernel cache; those not named take less than 20 s each."""
 
+gc.set_threshold(50_000, 20, 50)
+
 
 def pytest_collection_modifyitems(items):
     place = {name: i for i, name in enumerate(LONGEST)}
     items.sort(key=lambda item: place.get(item.path.stem, len(place)))
+
+
+def pytest_collection_finish():
+    gc.freeze()
