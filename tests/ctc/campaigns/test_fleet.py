@@ -5,6 +5,7 @@ import copy
 import csv
 import dataclasses
 import sqlite3
+from functools import cache
 
 import numpy as np
 import pytest
@@ -20,14 +21,22 @@ LOG = simulate(ARM, RIG, puma560.p_law(), PATH, duration=0.1)
 NAMES = (*ARM.dynamics.names, "drive.viscous[1]", "drive.coulomb[0]")
 NOTES = {"robot": "cell_7", "time": "2026-05-12", "temperature": 24.5}
 STD = 0.01
-LONG = simulate(ARM, RIG, puma560.p_law(), PATH, duration=2.0)
-FIT = fit_torque(ARM.dynamics, LONG, band=20.0, unknown=NAMES)
+
+
+@cache
+def long_log():
+    return simulate(ARM, RIG, puma560.p_law(), PATH, duration=2.0)
+
+
+@cache
+def fit():
+    return fit_torque(ARM.dynamics, long_log(), band=20.0, unknown=NAMES)
 
 
 def found(values):
     """What a fit that gives these values looks like."""
     return dataclasses.replace(
-        FIT, values=np.array(values), covariance=STD**2 * np.eye(len(values))
+        fit(), values=np.array(values), covariance=STD**2 * np.eye(len(values))
     )
 
 
@@ -145,7 +154,7 @@ def test_a_change_comes_with_what_the_log_states_wrongly(tmp_path):
     """In the words of the checkup; none beside a right log, or where nothing changed."""
     fleet, own = filled(tmp_path / "fleet.sqlite")
     notes = {"robot": "cell_3", "time": "2026-05-04", "temperature": 20.0}
-    right = dataclasses.replace(LONG, notes=notes)
+    right = dataclasses.replace(long_log(), notes=notes)
     turned = dataclasses.replace(right, torque=-right.torque, current=None)
     changed = found(own[3] + np.array([*np.zeros(len(NAMES) - 1), 0.5]))
     cause, *_ = turned.check().causes
@@ -267,7 +276,7 @@ def test_a_log_does_not_speak_for_itself(tmp_path):
 def test_what_is_no_log_of_a_robot_is_refused(tmp_path, change, said):
     fleet = Fleet(tmp_path / "fleet.sqlite")
     with pytest.raises(ValueError, match=said):
-        fleet.add(*change(log(0), FIT))
+        fleet.add(*change(log(0), fit()))
     assert len(fleet) == 0
 
 
@@ -285,9 +294,11 @@ def test_bad_files_and_empty_fleets_are_refused_in_a_line(tmp_path):
     for draw in (fleet.plot, lambda: fleet.report(tmp_path / "page.html")):
         with pytest.raises(ValueError, match="it is empty"):
             draw()
-    fleet.add(log(0), FIT)
+    fleet.add(log(0), fit())
     assert next(iter(fleet)).verdict.startswith("not judged: it has no log before")
     fleet.report(tmp_path / "page.html")
-    assert fleet.judge(log(1, week=1), FIT).verdict.startswith("not judged: no robot has two logs")
+    assert fleet.judge(log(1, week=1), fit()).verdict.startswith(
+        "not judged: no robot has two logs"
+    )
     with pytest.raises(ValueError, match="level must be between"):
-        fleet.judge(log(1, week=1), FIT, level=2)
+        fleet.judge(log(1, week=1), fit(), level=2)

@@ -83,6 +83,7 @@ def test_each_lane_is_a_simulation_of_gears_with_their_resonance(options):
             assert "jitter 0 to 0.2 of the period" in str(found)
             np.testing.assert_array_equal(drive.load_friction.share, 0.1)
     assert found.settings["after"] == 0.02
+    assert ("resonance 60 to 90 Hz" in str(found)) == (options["resonance"] == (60, 90))
     assert found.on_gears is found.lowest_resonance is None
 
 
@@ -176,12 +177,9 @@ def test_no_verdict_on_rigid_gears_stands_without_the_gears_on_which_it_holds():
     assert stated.lowest_resonance < found.lowest_resonance
     assert "not sampled: elasticity, " in str(found)
     assert "backlash" in str(found).split("not sampled:")[1]
-    assert "resonance 60 to 90 Hz" in str(
-        certify(ARM, RIG, LAW, PATH, **with_uncertainty(**SHORT, resonance=(60, 90)))
-    )
 
 
-@pytest.mark.parametrize("ratio", [0.01, 0.02])
+@pytest.mark.parametrize("ratio", [0.01, pytest.param(0.02, marks=pytest.mark.slow)])
 def test_above_the_lowest_resonance_the_arm_stays_and_just_below_it_leaves(ratio):
     options = {"duration": 0.5, "steps_per_sample": 16}
     found = lowest(ARM, RIG, LAW, PATH, damping_ratio=ratio, **options)
@@ -220,8 +218,9 @@ def test_ends_of_the_scale(monkeypatch):
     )
 
 
-@pytest.mark.parametrize("bandwidth", [60, 150, 250])
-@pytest.mark.parametrize("ratio", [0.01, 0.02, 0.03])
+@pytest.mark.parametrize(
+    ("bandwidth", "ratio"), [(60, 0.02), (150, 0.01), (150, 0.02), (150, 0.03), (250, 0.02)]
+)
 def test_the_linear_loop_is_unstable_just_below_its_lowest_resonance(bandwidth, ratio):
     """And near what two masses on a spring predict: bandwidth [rad/s] below 1.3, 1.7, 2.0 times
     the resonance [Hz].

@@ -83,6 +83,16 @@ def folder(tmp_path_factory):
     return place
 
 
+@pytest.fixture(scope="module")
+def identified(folder):
+    """What `onepulse identify` finds in the log, for tests of what follows."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(folder)
+        given = ("--robot", "arm.toml", "-o", "identified.json", "--quiet")
+        assert main(["identify", "log.csv", *given]) == 0
+    return "identified.json"
+
+
 def run(capsys, *arguments):
     code = main([str(each) for each in arguments])
     said = capsys.readouterr()
@@ -308,16 +318,15 @@ def test_torques_are_fitted_and_those_of_another_log_predicted(tmp_path, capsys,
     assert len(other["joints"]) == 2
 
 
-def test_a_path_that_begins_in_motion_is_no(folder, capsys, monkeypatch):
+def test_a_path_that_begins_in_motion_is_no(folder, identified, capsys, monkeypatch):
     monkeypatch.chdir(folder)
-    run(capsys, "identify", "log.csv", "--robot", "arm.toml", "-o", "moved.json", "--quiet")
     path = np.loadtxt("path.csv", delimiter=",", skiprows=1)
     cut = path[np.flatnonzero(path[:, 0] >= 0.4)]
     np.savetxt(
         "moving.csv", cut - [cut[0, 0], 0, 0], delimiter=",", header="t,q_1,q_2", comments=""
     )
     options = ("--samples", "8", "--within", "5", "--json", "--quiet")
-    code, out, _ = run(capsys, "certify", "moved.json", "--path", "moving.csv", *options)
+    code, out, _ = run(capsys, "certify", identified, "--path", "moving.csv", *options)
     told = json.loads(out)
     assert (code, told["failures"]) == (1, 0)
     assert told["from_rest"].startswith("the path begins in motion (")
@@ -326,13 +335,12 @@ def test_a_path_that_begins_in_motion_is_no(folder, capsys, monkeypatch):
     assert told["beyond_log"][0].startswith("joint 2 (q[0]) 0.00 to 0.30 rad (log: -1.45 to 0.00)")
 
 
-def test_a_law_is_tuned_and_handed_on(folder, capsys, monkeypatch):
+def test_a_law_is_tuned_and_handed_on(folder, identified, capsys, monkeypatch):
     monkeypatch.chdir(folder)
-    run(capsys, "identify", "log.csv", "--robot", "arm.toml", "-o", "untuned.json", "--quiet")
     path = np.loadtxt("path.csv", delimiter=",")
     np.savetxt("brief.csv", path[path[:, 0] <= 0.15], delimiter=",")
     given = (
-        "untuned.json",
+        identified,
         "--path",
         "brief.csv",
         "--samples",
@@ -349,13 +357,12 @@ def test_a_law_is_tuned_and_handed_on(folder, capsys, monkeypatch):
     assert (code, told["failures"], err) == (0, 0, "")
     certificate = Certificate.load("tuned.json")
     assert told["law"] == type(certificate.law).__name__
-    assert certificate.law.arm == Identification.load("untuned.json").arm
+    assert certificate.law.arm == Identification.load(identified).arm
     assert "friction ±2 %" in str(certificate)
     assert certificate.settings["after"] == told["after"] == 0.03
     assert told["failures_before"] == certificate.failures_before
     assert (
-        run(capsys, "report", "untuned.json", "--certificate", "tuned.json", "-o", "tuned.html")[0]
-        == 0
+        run(capsys, "report", identified, "--certificate", "tuned.json", "-o", "tuned.html")[0] == 0
     )
 
 

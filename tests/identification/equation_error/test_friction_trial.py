@@ -3,6 +3,7 @@ is modelled, none.
 """
 
 import dataclasses
+from functools import cache
 
 import numpy as np
 import pytest
@@ -43,8 +44,14 @@ def fit(kind, unknown=FRICTION, rig=RIG, **options):
     )  # fmt: skip
 
 
+@cache
+def plain(kind):
+    """With what the rig states, and everything unknown: one fit for all tests."""
+    return fit(kind)
+
+
 def test_a_level_that_rises_with_speed_is_fitted_and_its_levels_are_within_intervals():
-    found = fit("rising")
+    found = plain("rising")
     assert found.rising is not None
     assert not any("rising" in warning for warning in found.warnings)
     shares = found.rig.drive.curve.rise / (USUAL * np.abs(RIG.drive.gear))
@@ -58,7 +65,7 @@ def test_a_level_that_rises_with_speed_is_fitted_and_its_levels_are_within_inter
 
 @pytest.mark.parametrize("kind", [kind for kind in KINDS if kind != "rising"])
 def test_no_other_kind_is_fitted_as_one_that_rises(kind):
-    assert fit(kind).rising is None
+    assert plain(kind).rising is None
 
 
 OFFSETS = tuple(f"drive.curve.offset[{i}]" for i in range(3))
@@ -66,7 +73,7 @@ OFFSETS = tuple(f"drive.curve.offset[{i}]" for i in range(3))
 
 @pytest.mark.parametrize("kind", [kind for kind in KINDS if kind not in FITTED])
 def test_the_kind_is_named_first(kind):
-    found = fit(kind)
+    found = plain(kind)
     first = found.friction[0]
     assert first.kind == kind
     assert first.clear
@@ -74,12 +81,12 @@ def test_the_kind_is_named_first(kind):
 
 
 def test_offsets_are_fitted_where_there_is_evidence_of_them():
-    found = fit("asymmetric")
+    found = plain("asymmetric")
     assert set(OFFSETS) <= set(found.names)
     np.testing.assert_allclose(
         [found[name] for name in OFFSETS] * RIG.drive.gear, 0.25 * COULOMB, rtol=0.05
     )
-    assert not set(OFFSETS) & set(fit(None).names)
+    assert not set(OFFSETS) & set(plain(None).names)
     assert not any(trial.clear for trial in found.friction)
 
 
@@ -90,11 +97,11 @@ def test_offsets_are_those_of_their_joints(monkeypatch):
 
 
 def test_levels_are_those_that_were_made():
-    np.testing.assert_allclose(fit("load-dependent").friction[0].levels, 0.08, rtol=0.1)
+    np.testing.assert_allclose(plain("load-dependent").friction[0].levels, 0.08, rtol=0.1)
 
 
 def test_what_is_modelled_is_not_accused():
-    found = fit(None)
+    found = plain(None)
     assert len(found.friction) > 3
     assert not any(trial.clear for trial in found.friction)
     assert found.warnings == []
@@ -104,7 +111,7 @@ def test_what_is_modelled_is_not_accused():
 
 @pytest.mark.parametrize("kind", ["Stribeck", "saturating viscous", "load-dependent"])
 def test_a_drive_that_takes_what_is_found_leaves_nothing_to_find(kind):
-    before = fit(kind)
+    before = plain(kind)
     drive = before.friction[0].drive(RIG.drive)
     after = fit(kind, rig=dataclasses.replace(RIG, drive=drive))
     assert after.relative_error < 0.9 * before.relative_error
@@ -165,6 +172,6 @@ def test_what_a_drive_cannot_have_twice_is_refused():
         ("Stribeck", "one Stribeck speed"),
         ("saturating viscous", "one saturation"),
     ):
-        first = fit(kind).friction[0]
+        first = plain(kind).friction[0]
         with pytest.raises(ValueError, match=says):
             first.drive(first.drive(RIG.drive))

@@ -83,7 +83,8 @@ def empty_arm():
     return fit_torque(DYNAMICS, [log(i, 0) for i in range(3)], unknown=UNKNOWN, band=16.0)
 
 
-LOADED = [log(10 + i, 150) for i in range(3)]
+def loaded():
+    return [log(10 + i, 150) for i in range(3)]
 
 
 def load(records, arm=None, **options):
@@ -92,8 +93,13 @@ def load(records, arm=None, **options):
     )
 
 
+@cache
+def known_load():
+    return load(loaded())
+
+
 def test_the_interval_holds_the_mass_and_counts_what_is_uncertain_of_the_arm():
-    found, exact = load(LOADED), load(LOADED, DYNAMICS.arm(EMPTY))
+    found, exact = known_load(), load(loaded(), DYNAMICS.arm(EMPTY))
     for each in (found, exact):
         assert abs(each.mass - 150) < 1.96 * each.std
         assert each.std < 3
@@ -104,11 +110,12 @@ def test_the_interval_holds_the_mass_and_counts_what_is_uncertain_of_the_arm():
         IdentificationWarning,
         match=r"(?s)find_load: identified with .*50% of the torque is not explained",
     ):
-        load(LOADED[0], doubtful)
+        load(loaded()[0], doubtful)
 
 
 def test_neither_order_nor_an_irrelevant_guess_changes_it():
-    found, backwards, ranged = load(LOADED), load(LOADED[::-1]), load(LOADED, mass=(20.0, 900.0))
+    found, backwards = known_load(), load(loaded()[::-1])
+    ranged = load(loaded(), mass=(20.0, 900.0))
     assert backwards.mass == pytest.approx(found.mass, abs=0.01 * found.std)
     assert backwards.std == pytest.approx(found.std, rel=0.01)
     np.testing.assert_allclose(backwards.runs, found.runs[::-1])
@@ -121,7 +128,7 @@ def test_neither_order_nor_an_irrelevant_guess_changes_it():
         guessed = load(
             [
                 dataclasses.replace(each, rig=dataclasses.replace(RIG, drive=drive))
-                for each in LOADED
+                for each in loaded()
             ]
         )
         assert guessed.mass == pytest.approx(found.mass, abs=share * found.std)
@@ -130,11 +137,11 @@ def test_neither_order_nor_an_irrelevant_guess_changes_it():
 
 def test_a_log_without_a_law_replays_its_torque():
     """Which was measured at the samples: as `fit_torque` takes it."""
-    record = dataclasses.replace(LOADED[0], law=None)
+    record = dataclasses.replace(loaded()[0], law=None)
     held = dataclasses.replace(
         record, torque=(record.torque + np.vstack([record.torque[:1], record.torque[:-1]])) / 2
     )
-    found, known = load(held), load(LOADED[0])
+    found, known = load(held), load(loaded()[0])
     assert found.mass == pytest.approx(known.mass, abs=0.5 * known.std)
 
 
@@ -147,6 +154,6 @@ def test_what_is_known_of_the_arm_has_no_variance_and_counts_in_the_torque():
     fit = fit_torque(DYNAMICS, [log(i, 0) for i in range(3)], unknown=rest, known=some, band=16.0)
     assert fit.relative_error == pytest.approx(free.relative_error, rel=0.05)
     assert free.relative_error < 0.02
-    found = load(LOADED, fit)
+    found = load(loaded(), fit)
     assert abs(found.mass - 150) < 1.96 * found.std
-    assert found.std < load(LOADED).std
+    assert found.std < known_load().std

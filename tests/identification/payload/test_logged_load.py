@@ -14,13 +14,19 @@ from plant import PID, Body, Harmonics, puma560, simulate
 RIG, LAW, PATH, PLACE = puma560.rig(), puma560.p_law(), puma560.reference(), (0.0, -0.55, 0.0)
 
 
+@cache
 def log(mass):
     return simulate(puma560.literature_arm(mass), RIG, LAW, PATH, steps_per_sample=16)
 
 
+@cache
+def load(mass):
+    return find_load(puma560.literature_arm(), log(mass), PLACE)
+
+
 @pytest.mark.parametrize("mass", [0.0, 0.3, 2.5])
 def test_mass_is_found_to_some_grams(mass):
-    found = find_load(puma560.literature_arm(), log(mass), PLACE)
+    found = load(mass)
     assert found.mass == pytest.approx(mass, abs=max(3 * found.std, 0.01))
     assert found.std < 0.01
     assert found.rms_innovation < 0.33
@@ -28,9 +34,7 @@ def test_mass_is_found_to_some_grams(mass):
 
 
 def test_load_at_the_wrong_place_shows_in_the_innovations():
-    right, wrong = (
-        find_load(puma560.literature_arm(), log(2.5), (0.0, y, 0.0)) for y in (-0.55, -0.2)
-    )
+    right, wrong = load(2.5), find_load(puma560.literature_arm(), log(2.5), (0.0, -0.2, 0.0))
     assert wrong.rms_innovation > 1.02 * right.rms_innovation
     assert abs(wrong.mass - 2.5) > 10 * right.std
 
@@ -69,12 +73,17 @@ def worn_log(law=LAW, path=PATH, body=BODY, duration=None):
     )
 
 
+@cache
+def worn_load():
+    return find_load(ARM, worn_log(), PLACE)
+
+
 def z(found, mass=MASS):
     return (found.mass - mass) / found.std
 
 
 def test_friction_is_found_beside_the_load():
-    found = find_load(ARM, worn_log(), PLACE)
+    found = worn_load()
     assert abs(z(found)) < 3
     assert found.std < 0.03
     assert found.warnings == ()
@@ -104,8 +113,9 @@ def test_friction_that_was_assumed_is_warned_of_and_biases():
 
 
 def test_friction_stated_widely_is_free_and_tightly_exact():
-    free, wide, tight, exact = (
-        find_load(ARM, worn_log(), PLACE, friction=share) for share in (None, 10.0, 1e-5, 0.0)
+    free = worn_load()
+    wide, tight, exact = (
+        find_load(ARM, worn_log(), PLACE, friction=share) for share in (10.0, 1e-5, 0.0)
     )
     assert abs(wide.mass - free.mass) < 0.3 * free.std
     assert tight.mass == pytest.approx(exact.mass, abs=0.01 * exact.std)
@@ -174,7 +184,7 @@ def test_a_log_of_a_law_with_a_memory_that_was_cut():
 
 def test_several_logs_tell_more_and_each_is_shown():
     logs = [worn_log(), worn_log(path=puma560.reference(2.5), duration=3.65)]
-    found, first = find_load(ARM, logs, PLACE), find_load(ARM, logs[0], PLACE)
+    found, first = find_load(ARM, logs, PLACE), worn_load()
     assert found.runs[0] == pytest.approx((first.mass, first.std))
     assert len(found.runs) == 2
     assert first.runs == ()
@@ -204,7 +214,7 @@ def test_an_arm_that_is_another_is_said_and_counted():
     found = find_load(ARM.dynamics.arm(1.05 * ARM.f), worn_log(), PLACE)
     assert any("no load on this arm explains the logs" in text for text in found.warnings)
     assert found.chi_square > 10 * found.freedom
-    right = find_load(ARM, worn_log(), PLACE)
+    right = worn_load()
     assert right.chi_square < 3 * found.freedom
     assert found.std > 2.5 * right.std
     assert find_load(ARM, worn_log(), PLACE, friction=0.0).covariance[1:, 1:].max() == 0

@@ -15,7 +15,7 @@ OFFSET = np.array([0.05, 0.0])
 """Of the friction of each motor [N m]."""
 
 
-def replayed(offset, viscous_offset=None):
+def replayed(offset, viscous_offset=(0.0, 0.0)):
     """A log of computed torque, held from sample to sample, as a logger has it; open friction."""
     curve = FrictionCurve(offset=offset, viscous_offset=viscous_offset)
     real = dataclasses.replace(RIG, drive=dataclasses.replace(RIG.drive, curve=curve))
