@@ -24,7 +24,7 @@ from pathlib import Path
 import numpy as np
 import public_logs
 from public_logs import Log
-from simulated_logs import closed_loop, forward
+from simulated_logs import closed_loop, forward, machine
 
 from ctc import ComputedTorque
 from identification import fit_torque, identify
@@ -137,7 +137,7 @@ def percent(error):
     return f"{100 * error.total:.2f} %"
 
 
-def moving(fit, log):
+def moving(log):
     """Speeds below which a joint stands: a tenth of its usual speed in the logs kept aside."""
     speeds = [
         np.gradient(record.rig.cell_centre(record.counts), record.t, axis=0) for record in log.kept
@@ -151,7 +151,7 @@ def torques(name, log, published, part="second half"):
     fit = fit_torque(log.dynamics, log.fitted, extra=log.extra)
     seconds = time.perf_counter() - began
     error = fit.error_on(log.kept)
-    slowest = moving(fit, log)
+    slowest = moving(log)
 
     def shown(one):
         moves = one.error_on(log.kept, least_speed=slowest)
@@ -255,24 +255,33 @@ PERIOD, KNOTS, SECONDS = 1e-3, 0.5, 10.0
 
 
 def arm(name, folder):
-    """The arm that `identify` makes of the first log, as controller of the arm of the log kept."""
+    """The arm of the first log, as controller of the arm of the log kept aside."""
     log = SETS_OF_TORQUES[name](folder)
     began = time.perf_counter()
-    found = identify(log.dynamics, log.fitted[:1], held_out=(), progress=False)
+    if log.extra:
+        # `identify` takes no further columns: the torque equation, and its counterbalance a spring.
+        values = "the torque equation"
+        own, rig, found = machine(log, log.fitted[::5])
+        real, stated, _ = machine(log, log.kept)
+    else:
+        found = identify(log.dynamics, log.fitted[:1], held_out=(), progress=False)
+        values = "the torque equation" if found.fit.fallback_reason else "the prediction"
+        own, rig = found.arm, found.rig
+        # In place of the machine: the nearest bodies to a fit of the log that the controller never
+        # saw.
+        fit = fit_torque(log.dynamics, log.kept[0])
+        other = with_possible_bodies(log.dynamics, fit.rig, fit)
+        real = other.arm
+        stated = fit.rig.filled(dict(zip(other.names, other.values, strict=True)))
     seconds = time.perf_counter() - began
-    values = "the torque equation" if found.fit.fallback_reason else "the prediction"
-    # In place of the machine: the nearest bodies to a fit of the log that the controller never saw.
     kept = log.kept[0]
-    fit = fit_torque(log.dynamics, kept)
-    other = with_possible_bodies(log.dynamics, fit.rig, fit)
-    real = fit.rig.filled(dict(zip(other.names, other.values, strict=True)))
-    fast = [dataclasses.replace(rig, period=PERIOD) for rig in (found.rig, real)]
+    fast = [dataclasses.replace(one, period=PERIOD) for one in (rig, stated)]
     # Some seconds of the log's own motion.
     rows = [int(np.searchsorted(kept.t, at)) for at in np.arange(0, SECONDS, KNOTS) + kept.t[0]]
     points = kept.rig.cell_centre(kept.counts[[row for row in rows if row < len(kept)]])
     path = Spline(times=KNOTS * np.arange(len(points)), points=points)
-    law = ComputedTorque(found.arm, fast[0])
-    peaks = [peak(*machine, law, path) for machine in ((found.arm, fast[0]), (other.arm, fast[1]))]
+    law = ComputedTorque(own, fast[0])
+    peaks = [peak(*one, law, path) for one in ((own, fast[0]), (real, fast[1]))]
     return name, values, percent(found.error_on(log.kept)), *peaks, f"{seconds:.0f}"
 
 

@@ -110,21 +110,26 @@ def forward(log, training):
     return ours, by_horizon(linear(training, log.kept), log.kept[0].rig.period)
 
 
-def physical(log):
-    """Errors (W, N, n) [rad] of the fitted arm, simulated from the torques of the logs kept aside."""
-    rig = log.fitted[0].rig
+def machine(log, records):
+    """Arm, rig with the counterbalance, and fit of the torque equation of these records."""
+    rig = records[0].rig
     # Friction that holds a joint at rest: it does not rise with speed.
     zero = np.zeros(rig.n)
     drive = dataclasses.replace(rig.drive, curve=FrictionCurve(offset=zero, rise=zero))
-    fitted = [
-        dataclasses.replace(record, rig=dataclasses.replace(rig, drive=drive))
-        for record in log.fitted
+    held = [
+        dataclasses.replace(record, rig=dataclasses.replace(rig, drive=drive)) for record in records
     ]
-    fit = fit_torque(log.dynamics, fitted, extra=log.extra)
+    fit = fit_torque(log.dynamics, held, extra=log.extra)
     possible = with_possible_bodies(log.dynamics, fit.rig, fit) or fit
-    machine = fit.rig.filled(dict(zip(possible.names, possible.values, strict=True)))
+    filled = fit.rig.filled(dict(zip(possible.names, possible.values, strict=True)))
     balance = Balance(values=[fit[name] for name in log.extra])
-    fine = dataclasses.replace(machine, period=rig.period / FINER, springs=(balance,))
+    return possible.arm, dataclasses.replace(filled, springs=(balance,)), fit
+
+
+def physical(log):
+    """Errors (W, N, n) [rad] of the fitted arm, simulated from the torques of the logs kept aside."""
+    arm, rig, _ = machine(log, log.fitted)
+    fine = dataclasses.replace(rig, period=rig.period / FINER)
     errors = []
     for record in log.kept:
         angle = record.rig.cell_centre(record.counts)
@@ -137,7 +142,7 @@ def physical(log):
                 t=t - t[0], error_pulses=-np.round(fine.true_counts(path(t))), torque=torque(t), rig=fine,
                 law=LoggedTorque(), initial=start,
             )  # fmt: skip
-            again = replay(possible.arm, cut)
+            again = replay(arm, cut)
             errors.append(fine.to_angle(again.counts - cut.counts)[FINER::FINER])
     return np.array(errors)
 
