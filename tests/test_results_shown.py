@@ -53,8 +53,8 @@ from identification.search.outcome import GearResonance
 from plant import Body, Dynamics, PositionServo, puma560, simulate, visibility
 from plant.checkup.hypothesis import Cause, Rival
 from plant.models.check import ModelCheck, ModelFinding
+from plant.parts import Shown, Verdict
 from plant.parts.messages import SLIDES, TURNS
-from plant.parts.shown import Shown, Verdict
 
 NASTY = ("<b>&'\"</td>", "shoulder_lift_joint_of_the_left_arm")
 RIG, LAW, PATH = puma560.rig(), puma560.p_law(), puma560.reference()

@@ -152,7 +152,7 @@ def test_links_are_predicted_as_they_swing():
     assert found["rigid"] > 2 * found["gears"]
 
 
-@pytest.mark.parametrize("hz", [15, 25, 40])
+@pytest.mark.parametrize("hz", [15, pytest.param(25, marks=pytest.mark.slow), 40])
 def test_everyday_motions_are_held_on_soft_gears(hz):
     """Every sample of every motion within a pulse, quietly; the rigid model loses what is this
     soft.

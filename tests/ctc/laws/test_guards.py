@@ -19,7 +19,7 @@ from plant import PD, Guards, PointToPoint, fastest, puma560, simulate
 PATH = MOTIONS["(6), 3.65 s"]
 SAMPLED = [name for name, (fast, _) in LAWS.items() if not fast]
 FAST = [name for name, (fast, _) in LAWS.items() if fast]
-LOADS = (0, 1.5, 5)
+ENDS = (0, pytest.param(1.5, marks=pytest.mark.slow), 5)
 """Tools of the literature's arm [kg]."""
 
 
@@ -62,7 +62,7 @@ def test_fast_hardware_runs_too(name):
     assert max(found.saturation, found.chatter) < 0.8
 
 
-@pytest.mark.parametrize("load", LOADS)
+@pytest.mark.parametrize("load", ENDS)
 @pytest.mark.parametrize("name", SAMPLED)
 def test_loaded_arms_run(name, load):
     found = margin(arm(load), RIG, name, PATH)
@@ -70,8 +70,8 @@ def test_loaded_arms_run(name, load):
     assert max(found.saturation, found.chatter) < 0.5
 
 
-@pytest.mark.parametrize("hz", [100, 60, 25])
-@pytest.mark.parametrize("load", LOADS)
+@pytest.mark.parametrize("hz", [100, pytest.param(60, marks=pytest.mark.slow), 25])
+@pytest.mark.parametrize("load", ENDS)
 @pytest.mark.parametrize("name", ["the same, every 0.7 ms", "adaptive"])
 def test_laws_that_are_stable_on_elastic_gears_run(name, load, hz):
     """Within three pulses on all of these, and no reason to stop."""

@@ -15,7 +15,7 @@ pytest.importorskip("mujoco", reason="MuJoCo, an optional engine, is not install
 from mujoco_elastic import DURATION, PATH, RIG, p_loop, run
 
 
-@pytest.mark.parametrize("hz", [25, 60, 150])
+@pytest.mark.parametrize("hz", [25, pytest.param(60, marks=pytest.mark.slow), 150])
 def test_links_and_motors_move_as_in_another_engine(hz):
     """Friction is another's constraint here: motors agree to a pulse, links to 0.15 mrad of some
     mrad of deflection.

@@ -3,6 +3,7 @@ said.
 """
 
 import dataclasses
+from functools import cache
 
 import numpy as np
 import pytest
@@ -16,6 +17,7 @@ from plant.checkup.lost_rows import bridged
 ARM, RIG = puma560.literature_arm(1.5), puma560.rig()
 
 
+@cache
 def cut(law):
     record = simulate(ARM, RIG, law, puma560.reference(), duration=1.6)
     return dataclasses.replace(record.cut(0.437), true_q=None, true_qd=None, link_counts=None)

@@ -133,7 +133,7 @@ def test_friction_is_not_negative_and_its_interval_holds(made):
     truth = {f"drive.viscous[{i}]": value for i, value in enumerate(drive.viscous)}
     truth |= dict(zip(arm.dynamics.names, arm.f, strict=True))
     random, at_bound, held, said = np.random.default_rng(0), [], [], []
-    for _ in range(40):
+    for _ in range(24):
         noise = np.repeat(random.normal(size=(len(torque) // 20, 3)), 20, axis=0)
         found = fit_torque(
             arm.dynamics, motion.q, torque + 8 * noise, rig=stated, band=20.0, every=25

@@ -143,7 +143,7 @@ def test_intervals_hold_where_the_torque_error_lasts(made):
 
 
 def test_standard_deviations_are_those_of_repeated_experiments(made):
-    """White torque noise, ten times as large on joint 1: the scatter of 60 fits is what each of
+    """White torque noise, ten times as large on joint 1: the scatter of 40 fits is what each of
     them says.
     """
     dynamics, rig, _, motion, torque = made
@@ -158,7 +158,7 @@ def test_standard_deviations_are_those_of_repeated_experiments(made):
             band=20,
             every=25,
         )
-        for _ in range(60)
+        for _ in range(40)
     ]
     said = np.median([np.sqrt(np.diag(fit.noise_covariance)) for fit in fits], axis=0)
     scatter = np.std([fit.values for fit in fits], axis=0)

@@ -3,6 +3,7 @@ record's own fit is it.
 """
 
 import dataclasses
+from functools import cache
 
 import numpy as np
 import pytest
@@ -17,6 +18,7 @@ UNKNOWN = (*ARM.dynamics.names, *(f"drive.{kind}[{i}]" for kind in KINDS for i i
 TRUTH = np.concatenate([ARM.f, RIG.drive.viscous, RIG.drive.coulomb])
 
 
+@cache
 def log(seed, drift):
     """Counts of a day on which each friction is off by so much, relative (standard deviation)."""
     random = np.random.default_rng(seed)
@@ -69,6 +71,7 @@ def test_friction_that_drifts_widens_the_intervals_that_then_hold_it(tmp_path):
     assert Identification.load(tmp_path / "found.json").fit.between == between
 
 
+@cache
 def repeated(share):
     """Counts and torque, which chatters, of a day on which the friction of the joints is off by
     so much, relative.
@@ -91,6 +94,7 @@ def repeated(share):
 
 # the records contradict each other
 @pytest.mark.filterwarnings("ignore::identification.IdentificationWarning")
+@pytest.mark.slow
 @pytest.mark.xfail(reason="one of 13 values is 1.5 % off, within its interval; 1 % before")
 def test_records_that_contradict_each_other_give_the_mean_of_their_own_fits():
     """Their common fit follows its counts so closely that its values are off by seven standard

@@ -43,8 +43,15 @@ def wrong():
     return found
 
 
+@cache
+def right():
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        return identify(puma560.dynamics(), log(), seed=1, progress=False)
+
+
 def test_what_is_significant_and_not_named_asks_for_what_was_stated():
-    detection = identify(puma560.dynamics(), log(), progress=False).diagnostics.detection
+    detection = right().diagnostics.detection
     assert "next to nothing" not in str(detection)
     signs = [
         dataclasses.replace(sign, threshold=-1.0) if sign.name == "gear" else sign
@@ -108,11 +115,11 @@ def test_a_file_has_the_warnings_and_what_is_read_from_it_warns_again(tmp_path):
 def test_a_right_log_is_quiet():
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        found = identify(puma560.dynamics(), log(), seed=1, progress=False)
-        ComputedTorque(found)
-    assert "warning" not in repr(found)
+        ComputedTorque(right())
+    assert "warning" not in repr(right())
 
 
+@cache
 def two_joints_of_a_ur5e():
     """Shoulder lift and elbow, gears of 100 and encoders of 4,096 counts: the P loop hunts by a
     count or two.
@@ -179,7 +186,15 @@ def test_what_is_named_is_not_blamed_on_the_rest_of_the_rig():
     assert found.warnings[0].startswith("torques lag behind commands by 0.017 ms")
 
 
-@pytest.mark.parametrize("method", ["seeded", "prediction_error", "equation_error", "output_error"])
+@pytest.mark.parametrize(
+    "method",
+    [
+        "seeded",
+        pytest.param("prediction_error", marks=pytest.mark.slow),
+        "equation_error",
+        "output_error",
+    ],
+)
 def test_no_method_blames_a_healthy_log_whose_loop_hunts(method):
     """The rough methods' values repeat it worse than their deviations say: that is said of them,
     not of the log.

@@ -3,6 +3,7 @@ memory of the law.
 """
 
 import dataclasses
+from functools import cache
 
 import numpy as np
 import pytest
@@ -23,6 +24,7 @@ def bare(record):
     return dataclasses.replace(record, torque=None, current=None, true_q=None, true_qd=None)
 
 
+@cache
 def logged(kind):
     log = simulate(ARM, RIG, puma560.p_law() if kind == "P" else LAW, PATH, duration=1.5)
     moving = log.cut(0.4)
@@ -31,6 +33,11 @@ def logged(kind):
         "as counts": dataclasses.replace(moving, reference=None),
         "torque": dataclasses.replace(log, law=LoggedTorque(), reference=None),
     }[kind]  # fmt: skip
+
+
+@cache
+def identified(kind):
+    return identify(ARM.dynamics, logged(kind), seed=1, progress=False)
 
 
 @pytest.mark.parametrize(
@@ -44,8 +51,7 @@ def logged(kind):
     ],
 )
 def test_the_run_that_is_drawn_is_the_one_that_was_judged(kind, tmp_path):
-    record = logged(kind)
-    found = identify(ARM.dynamics, record, seed=1, progress=False)
+    found = identified(kind)
     model = repeated(found)
     apart = np.sqrt(np.mean((model.error_pulses - found.records[0].error_pulses) ** 2))
     assert apart == pytest.approx(found.diagnostics.difference, rel=1e-9)
@@ -79,7 +85,7 @@ def test_a_law_that_began_with_its_log_is_left_as_it_is():
 
 
 def test_a_run_that_diverges_is_none():
-    found = identify(ARM.dynamics, logged("P"), seed=1, progress=False)
+    found = identified("P")
     wild = dataclasses.replace(LAW, gain=(50, 50))
     drive = dataclasses.replace(RIG.drive, current_limit=(np.inf, np.inf))
     assert (

@@ -46,7 +46,7 @@ def test_a_log_cut_out_of_a_motion_is_repeated_from_where_it_began():
     assert np.abs((estimate.fit.values - case.truth) / estimate.fit.std).max() < 3
 
 
-@pytest.mark.parametrize("seed", [6, 53])
+@pytest.mark.parametrize("seed", [6, pytest.param(53, marks=pytest.mark.slow)])
 def test_the_integral_of_fast_hardware_is_unknown_where_a_log_was_cut(seed):
     """Taken as begun with the log, its torque accused the right rig of offsets and backlash."""
     case = drawn(seed)

@@ -78,7 +78,7 @@ def test_a_log_from_the_start_of_the_controller_determines_the_weight():
     assert estimate.fit.undetermined == ()
 
 
-@pytest.mark.parametrize("begin", [0.3, 0.83, 2.0])
+@pytest.mark.parametrize("begin", [0.3, pytest.param(0.83, marks=pytest.mark.slow), 2.0])
 def test_a_log_from_the_middle_leaves_the_weight_open_and_says_so(begin):
     """The sum of both is known, the weight is not: the integral could carry any part of it.
 

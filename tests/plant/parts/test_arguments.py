@@ -8,8 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from plant.parts.arguments import array, choice, known_options
-from plant.parts.messages import warn
+from plant.parts import array, choice, known_options, warn
 
 
 @settings(derandomize=True)

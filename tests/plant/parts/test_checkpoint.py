@@ -12,9 +12,8 @@ import numpy as np
 import pytest
 
 from plant import P, puma560, simulate
+from plant.parts import Checkpoint, files
 from plant.parts import checkpoint as module
-from plant.parts import files
-from plant.parts.checkpoint import Checkpoint
 
 
 @pytest.fixture

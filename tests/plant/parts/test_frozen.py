@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from plant.parts.frozen import Frozen
+from plant.parts import Frozen
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

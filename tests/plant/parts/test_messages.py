@@ -10,8 +10,8 @@ from pathlib import Path
 
 import pytest
 
-from plant.parts import messages
-from plant.parts.messages import joint_label, joint_labels, progress_bar
+from plant.parts import messages, progress_bar
+from plant.parts.messages import joint_label, joint_labels
 
 ROOT = Path(__file__).resolve().parents[3]
 

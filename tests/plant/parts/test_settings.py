@@ -6,7 +6,7 @@ import pytest
 
 from ctc import ComputedTorqueSettings, DefaultGainSettings, LearnSettings
 from plant import part, structure
-from plant.parts.settings import Settings
+from plant.parts import Settings
 
 KINDS = ComputedTorqueSettings, DefaultGainSettings, LearnSettings
 

@@ -4,8 +4,8 @@ from html.parser import HTMLParser
 
 import pytest
 
-from plant.parts import Table
-from plant.parts.shown import Aside, Shown, Verdict, Warned, body, inside, table
+from plant.parts import Aside, Shown, Table, Verdict, Warned
+from plant.parts.shown import body, inside, table
 
 NASTY = "<script>alert('x')</script> & \"q\""
 VOID = ("br", "hr", "img", "meta", "input", "link")

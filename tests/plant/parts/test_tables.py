@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from plant.parts import Table
-from plant.parts.tables import WIDTH, by_joint, wrapped
+from plant.parts import Table, by_joint
+from plant.parts.tables import WIDTH, wrapped
 
 NAMES = (
     "shoulder_pan_joint",
