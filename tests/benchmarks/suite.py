@@ -2,8 +2,8 @@
 
 Runs pytest from an empty kernel cache (or from ``--cache FOLDER``), and prints one line per module,
 the dearest first: processor time of the tests and their fixtures, that of the processes they start,
-and the kernels that they compiled, in number and in processor time (within the first). Elapsed time
-depends on what else a machine does; processor time hardly does. ``--tests`` prints a line per test.
+and the kernels that they compiled, their number and the elapsed time. Elapsed time depends on what
+else a machine does; processor time hardly does. ``--tests`` prints a line per test.
 """
 
 import argparse
