@@ -59,7 +59,7 @@ class Trials:
                 if hypothesis.scored:
                     gain = max(gain, undone.score - experiment.score)
             odds = gain - hypothesis.against
-            words = {**names, "inverse": 1 / size if size else np.inf}
+            words = {**names, **_shift(size), "inverse": 1 / size if size else np.inf}
             # A sentence that asks for another word fails here, where its row can be named.
             (hypothesis.sentence + hypothesis.remedy).format(
                 joint="", other="", value=size, **words
@@ -142,6 +142,17 @@ def _silent(experiment, joints):
     """Whether no law tells a torque of these joints: none is stated, or noise hides its steps."""
     command = experiment.command
     return command is None or bool((command[list(joints) or slice(None)] > SETTINGS.unlike).all())
+
+
+def _shift(samples):
+    """A delay in words, and the option of `Record.from_csv` that puts late torques right."""
+    amount = f"{abs(samples):.2g}"
+    unit = "sample" if amount == "1" else "samples"
+    option = ""
+    # An export is late by whole rows.
+    if samples > 0 and amount.isdigit():
+        option = f": torque_delay = {amount}, in the table [log] of the robot file"
+    return {"shift": f"{amount} {unit} {'late' if samples > 0 else 'early'}", "option": option}
 
 
 def _column_names(experiment, joints):

@@ -315,7 +315,15 @@ def counts_in_time(record: Any, joints: Joints, samples: float) -> Any:
     """Read the counts so many samples later, as the encoder would count them there."""
     encoder = record.rig.encoder
     centres = encoder.position_in_pulses(encoder.cell_centre(record.counts))
-    counts = encoder.quantised(_moved(centres, joints, samples))
+    moved = _moved(centres, joints, samples)
+    # Rows that were never counted: a joint in motion moves on, or it would seem to have stopped.
+    ends = (0, 1) if samples < 0 else (-1, -2)
+    missing = np.minimum(int(np.ceil(abs(samples))), len(moved) // 4)
+    step = centres[ends[0]] - centres[ends[1]]
+    for row in range(missing):
+        away = abs(samples) - row
+        moved[row if samples < 0 else -1 - row] = centres[ends[0]] + away * step
+    counts = encoder.quantised(moved)
     chosen = list(joints) or list(range(record.n))
     table = np.array(record.counts)
     table[:, chosen] = counts[:, chosen]

@@ -165,6 +165,10 @@ def _units() -> Iterator[Hypothesis[Any]]:
             "torque",
             lambda rig: rig.drive.torque_limit() / 1e3,
         ),
+        "per cent of the amplifier's limit": (
+            "torque",
+            lambda rig: rig.drive.torque_limit() / 1e2,
+        ),
         "in mA": ("current", lambda rig: 1e-3),
         "in A, not in mA": ("current", lambda rig: 1e3),
     }
@@ -176,7 +180,8 @@ def _units() -> Iterator[Hypothesis[Any]]:
             remedy="State its unit, or convert it.",
             undo=scaled_torque(factor, column),
             measurement=_LOAD,
-            sizes=(1.0, -1.0) if "motor" in unit else (1.0,),
+            # A motor's torque may have the direction of the motor.
+            sizes=(1.0, -1.0) if "motor" in unit or "limit" in unit else (1.0,),
             against=8.0,
         )
     yield Hypothesis(
@@ -339,6 +344,8 @@ def _gain_units() -> Iterator[Hypothesis[Any]]:
 def _sizes() -> Iterator[Hypothesis[Any]]:
     """Yield the rows: scales and delays, of one joint or of all alike."""
     for scope in (each_joint, several):
+        alone = scope is each_joint
+        whose = "{joint}" if alone else "all joints"
         yield Hypothesis(
             name="gain",
             check="units of torque",
@@ -386,8 +393,10 @@ def _sizes() -> Iterator[Hypothesis[Any]]:
         yield Hypothesis(
             name="late counts",
             check="delay",
-            sentence="The counts are {value:+.2g} samples late",
+            sentence=f"The counts of {whose} are {{shift}}",
             remedy="Shift them.",
+            # A drive exports all joints in one row, and few logs tell that of every joint.
+            against=8.0 if alone else 5.0,
             undo=counts_in_time,
             measurement=_STEP,
             evidence=delay_evidence,
@@ -400,8 +409,9 @@ def _sizes() -> Iterator[Hypothesis[Any]]:
         yield Hypothesis(
             name="late torques",
             check="delay",
-            sentence="The torques are {value:+.2g} samples late",
-            remedy="Shift them.",
+            sentence=f"The torques of {whose} are {{shift}}",
+            remedy="Shift them." if alone else "Shift them{option}.",
+            against=8.0 if alone else 5.0,
             undo=torques_in_time,
             measurement=_STEP,
             scope=scope,

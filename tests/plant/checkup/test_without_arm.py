@@ -97,6 +97,11 @@ MISTAKES = {
         (),
         None,
     ),
+    "torque per cent of the amplifier's limit": (
+        lambda r: with_torque(r, 1e2 * r.torque / DRIVE.torque_limit()),
+        (),
+        None,
+    ),
     "resolution per radian": (in_pulses_per_radian, (), None),
     "torque scale": (lambda r: with_torque(r, 1.96 * r.torque), (), 1.96),
     "late counts": (
