@@ -94,14 +94,14 @@ class Ledger:
                     f"folder {self.folder} must be of no other campaign that runs; one holds it."
                     " Wait for its end."
                 ) from None
-            # 2. The ledger; autocommit, so that each task is on disk when its call returns.
-            self._base = sqlite3.connect(self.path, isolation_level=None)
-            try:
-                # Without `__enter__` no `__exit__` follows: release the lock here.
+            # 2. The ledger; without `__exit__` to come, an error here releases the lock.
+            with contextlib.ExitStack() as opened:
+                opened.callback(self._lock.close)
+                # Autocommit, so that each task is on disk when its call returns.
+                self._base = sqlite3.connect(self.path, isolation_level=None)
+                opened.callback(self._base.close)
                 self._open()
-            except BaseException:
-                self.__exit__()
-                raise
+                opened.pop_all()
         return self
 
     def _open(self) -> None:
@@ -136,8 +136,8 @@ class Ledger:
         self._lock.close()
 
     @contextlib.contextmanager
-    # Every write may meet a full disk or a lost mount: one message for all.
     def _writing(self) -> Iterator[None]:
+        # Every write may meet a full disk or a lost mount: one message for all.
         try:
             yield
         except (OSError, sqlite3.OperationalError) as error:
@@ -173,7 +173,14 @@ class Ledger:
                 f" got {name!r:.80}. Give the same tasks in the same order, or another folder."
             )
         # A result whose file was deleted is computed anew.
-        return state != "done" or not (file is None or (self.folder / file).is_file())
+        if state == "done" and (file is None or (self.folder / file).is_file()):
+            return False
+        with self._writing():
+            # A new attempt has a time of its own: the days since the last one are not its work.
+            self._base.execute(
+                "update tasks set began = ? where number = ?", (time.time(), number)
+            )
+        return True
 
     def done(self, number: int, name: str, result: Any) -> Any:
         """Store a result, and return it as the folder holds it; ValueError if no file can."""

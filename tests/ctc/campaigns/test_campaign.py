@@ -252,6 +252,31 @@ def test_a_failure_is_tried_again_by_the_next_call(tmp_path):
     assert (dict(again.results), dict(again.errors)) == ({"a": "7"}, {})
 
 
+def test_a_task_that_is_tried_again_has_the_seconds_of_its_last_attempt(tmp_path):
+    """The time between two calls is not the work of a task."""
+    run({"a": (int, ("none",), {})}, folder=tmp_path / "folder")
+    with sqlite3.connect(tmp_path / "folder" / "ledger.sqlite") as ledger:
+        ledger.execute("update tasks set began = began - 1000")
+    run({"a": (int, ("none",), {})}, folder=tmp_path / "folder")
+    with sqlite3.connect(tmp_path / "folder" / "ledger.sqlite") as ledger:
+        ((seconds,),) = ledger.execute("select seconds from tasks")
+    assert seconds < 1000
+
+
+def test_a_ledger_that_cannot_be_opened_frees_its_folder(tmp_path):
+    """The folder takes the next campaign as soon as its ledger can be opened."""
+    ledger = tmp_path / "folder" / "ledger.sqlite"
+    # A folder in the place of the ledger: no database can be opened there.
+    ledger.mkdir(parents=True)
+    with pytest.raises(ValueError, match="must be one that can be written") as refusal:
+        run({"a": (work.square, (3,), {})}, folder=tmp_path / "folder")
+    ledger.rmdir()
+    # The refusal holds the frames of the first call: the lock must not wait for their end.
+    assert dict(run({"a": (work.square, (3,), {})}, folder=tmp_path / "folder").results) == {"a": 9}
+    del refusal
+
+
+
 def _read(path):
     return path.read_text()
 
