@@ -1,5 +1,6 @@
 """Preparation of a search: records, searched and held out, unknowns, and checks of the input."""
 
+import operator
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from typing import Any
@@ -12,8 +13,8 @@ from identification.equation_error.excitation import advice, still, unexcited
 from identification.equation_error.law_memory import along_log
 from identification.equation_error.logged_torques import fit_torque
 from identification.equation_error.naming import column_of
-from identification.equation_error.prior import Prior
-from identification.equation_error.pulse_fit import mode_in
+from identification.equation_error.prior import Known, Prior
+from identification.equation_error.pulse_fit import mode_in, over_bands
 from identification.equation_error.regressor import linear
 from identification.equation_error.torque_logs import torque_of
 from identification.replay.experiment import as_records
@@ -22,7 +23,7 @@ from identification.replay.resonances import DAMPING, STIFFNESS, on_gears
 from identification.search.genetic import GeneticSettings
 from identification.search.methods import METHODS
 from identification.search.problem import Problem, Tolerances
-from plant import Dynamics, Record
+from plant import Dynamics, LoggedCurrent, LoggedTorque, Record
 from plant.checkup.innovation import LEAST_MOTION
 from plant.checkup.lost_rows import bridged
 from plant.checkup.oscillation import own_oscillations
@@ -154,9 +155,13 @@ def prepare(
     open_friction = _left_open(all_records, dynamics.chain.joint_labels)
     unknown = tuple(dict.fromkeys([*unknown, *open_friction]))
     searched, validation = _set_aside(dynamics, all_records, held_out, method)
+    of_f = _prior(dynamics, searched, prior)
+    held = _held(dynamics, searched, unknown, of_f)
+    searched, validation = (
+        tuple(_with_held(record, held) for record in records) for records in (searched, validation)
+    )
     if ranges is None and not zeros:
         searched, validation, unknown = _by_direction(dynamics, searched, validation, unknown)
-    of_f = _prior(dynamics, searched, prior)
     _require_room(dynamics, (*searched, *validation), unknown, method)
 
     # 2. The objective, and logs under laws with memory as replays of their torque.
@@ -237,6 +242,33 @@ def _left_open(records, labels):
     return [
         f"drive.{kind}[{i}]" for kind in drive.left_open for i in range(drive.n) if i not in idle
     ]
+
+
+def _held(dynamics, records, unknown, prior):
+    """Whether the torques of the logs are held for a sample; None where that changes nothing.
+
+    The better explanation is taken: both have the same unknowns.
+    """
+    held, sampled = ([_with_held(record, held) for record in records] for held in (True, False))
+    if all(map(operator.is_, held, records)):
+        return None
+    try:
+        fits = over_bands(dynamics, held, unknown, Known({}, prior))
+        others = over_bands(dynamics, sampled, unknown, Known({}, prior))
+    except ValueError:
+        # Torques that give no fit do not say how they change; the methods say why.
+        return None
+    # Half a sample is the more of a period, the faster the motion is: the widest band knows best.
+    band = max(fits.keys() & others.keys())
+    return fits[band].relative_error <= others[band].relative_error
+
+
+def _with_held(record, held):
+    """The record with a torque that is held, or not, where its law leaves that open."""
+    law = record.law
+    if not isinstance(law, LoggedTorque | LoggedCurrent) or law.held is not None:
+        return record
+    return replace(record, law=replace(law, held=held))
 
 
 def _by_direction(dynamics, searched, validation, unknown):

@@ -129,9 +129,9 @@ def along_log(record: Record, *, unknown_law: bool = False) -> Record:
     # A logged torque holds the effect of any state: with it the state need not be known.
     sampled = law.period is not None and not unknown_law
     if sampled and record.torque is not None:
-        return replace(record, law=LoggedTorque())
+        return replace(record, law=LoggedTorque(held=True))
     if sampled and record.current is not None:
-        return replace(record, law=LoggedCurrent())
+        return replace(record, law=LoggedCurrent(held=True))
     resumed = law
     if not isinstance(resumed, Resumed):
         resumed = Resumed(law=law, state=law.initial_state(record.n))

@@ -64,7 +64,7 @@ def logged_torque(record: Record) -> Floats:
     law = record.law
     logged = measured_torque(record)
     # Fast hardware changes its torque between samples: the logged one is that of the instant.
-    if law is None or (law.period is None and not law.replays):
+    if law is None or law.interpolates or (law.period is None and not law.replays):
         return logged
     return _held(logged)
 

@@ -271,8 +271,7 @@ class Detection(Shown, Frozen):
             yield {
                 "size": convert(value),
                 "distance": abs(value),
-                # Of a loop faster than the log the torque acts before its next row.
-                "late": "late" if value > 0 else "early (a torque sampled from a faster loop is)",
+                "late": "late" if value > 0 else "early",
                 "unit": unit,
                 "joint": self._joint(name) if "[" in name else "",
                 "kind": kind,

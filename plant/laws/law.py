@@ -100,6 +100,11 @@ class Law(Part, abc.ABC):
     replays: str | None = None
     """Column of its record that the law repeats, or None."""
 
+    @property
+    def interpolates(self) -> bool:
+        """Whether that column is on straight lines between its rows; else a row holds to the next."""
+        return False
+
     def __post_init__(self) -> None:
         super().__post_init__()
         cls = type(self)

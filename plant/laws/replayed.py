@@ -8,14 +8,31 @@ from numpy.typing import NDArray
 
 from plant.laws.law import Setpoint, StatelessLaw, Step, block_of
 from plant.machine.rig import Rig
-from plant.parts.part import part
+from plant.parts.part import part, structure
+
+
+class _OfMotors(StatelessLaw):
+    """Base of laws that repeat what the motors did; `held`: as `LoggedTorque` has it."""
+
+    held: bool | None
+
+    @property
+    def interpolates(self) -> bool:
+        """A faster loop changes its torque between two rows."""
+        return self.held is False
 
 
 @part
-class LoggedTorque(StatelessLaw):
+class LoggedTorque(_OfMotors):
     """The logged joint torque, the record's column `torque` [N m], repeated in open loop.
 
-    The torque of a sample acts from there to the next: zero-order hold.
+    Parameters
+    ----------
+    held : bool, optional
+        True: the torque of a sample acts from there to the next (zero-order hold), as that of a
+        controller with the period of the log does. False: the log has samples of the torque of a
+        faster loop, which is on straight lines between them. By default `identify` finds out which
+        of the two explains the log better, and a simulation holds the torque.
 
     See Also
     --------
@@ -31,6 +48,7 @@ class LoggedTorque(StatelessLaw):
     True
     """
 
+    held: bool | None = structure(default=None)
     replays = "torque"
 
     def equations(
@@ -43,11 +61,15 @@ class LoggedTorque(StatelessLaw):
 
 
 @part
-class LoggedCurrent(StatelessLaw):
+class LoggedCurrent(_OfMotors):
     """The logged motor currents, the record's column `current` [A], repeated in open loop.
 
-    The rig's motor gain makes torque of them. The current of a sample acts from there to the next:
-    zero-order hold.
+    The rig's motor gain makes torque of them.
+
+    Parameters
+    ----------
+    held : bool, optional
+        Whether the current of a sample acts from there to the next; as `LoggedTorque` has it.
 
     See Also
     --------
@@ -57,9 +79,10 @@ class LoggedCurrent(StatelessLaw):
     --------
     >>> from plant import LoggedCurrent
     >>> LoggedCurrent()
-    LoggedCurrent()
+    LoggedCurrent(held=None)
     """
 
+    held: bool | None = structure(default=None)
     replays = "current"
 
     def equations(

@@ -121,6 +121,11 @@ class AlongLog(Resumed):
     whole: bool = structure(bool, default=True)
     replays = "counts"
 
+    @property
+    def interpolates(self) -> bool:
+        """Counts change between samples."""
+        return True
+
     def replayed(self, record: Any) -> NDArray[np.float64]:
         """Counts (N, n) that the law reads, on straight lines across samples that are not valid."""
         counts = record.counts

@@ -2,7 +2,7 @@
 
 Samples are at the times of a `Clock`. The sub-steps read the reference at their middle. A logged or
 injected torque, or a current, is held from its sample to the next, and interpolated linearly across
-gaps; logged counts are on straight lines.
+gaps; logged counts are on straight lines, and so is a torque whose law says so.
 """
 
 import math
@@ -85,8 +85,7 @@ def in_blocks(
     # Only a reference can be the wrong one; counts fit any law.
     if isinstance(path, Path):
         path.require_fit(loop.law)
-    # Counts change between samples, on straight lines; a torque or a current is held.
-    held = None if logged is None or loop.law.replays == "counts" else clock.bridged(logged)
+    held = None if logged is None or loop.law.interpolates else clock.bridged(logged)
     beside = None if injected is None else clock.bridged(injected)
     of_law = _law_steps(loop, clock)
     # One word and one draw per step of the law, for the whole run: blocks must not change them.

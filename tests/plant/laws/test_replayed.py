@@ -89,6 +89,19 @@ def test_a_torque_that_is_held_between_samples_moves_a_free_joint_as_it_must():
     np.testing.assert_array_equal(made.torque, torque)
 
 
+def test_a_torque_of_a_faster_loop_is_on_straight_lines_between_its_samples():
+    """Its impulse is that of the trapezoids, so that the speed of a free joint is exact."""
+    arm, rig = free_joint()
+    t = np.arange(100) * rig.period
+    torque = np.random.default_rng(1).normal(size=(100, 1))
+    law = LoggedTorque(held=False)
+    made = replay(arm, record(rig, t, torque, initial=[[0.2], [0.7]], law=law))
+    impulses = rig.period * (torque[1:, 0] + torque[:-1, 0]) / 2
+    qd = 0.7 + np.append(0, np.cumsum(impulses)) / INERTIA
+    np.testing.assert_allclose(made.true_qd[:, 0], qd, rtol=0, atol=1e-12)
+    np.testing.assert_array_equal(made.torque, torque)
+
+
 def test_a_current_gives_the_torque_of_the_motor():
     arm, rig = free_joint()
     t, current = uneven(40), np.random.default_rng(2).normal(size=(40, 1))

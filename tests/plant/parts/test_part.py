@@ -264,6 +264,8 @@ def test_description_with_missing_or_unknown_fields_is_refused():
 
 MISSPELT = {
     "Held": "point",
+    "LoggedTorque": "heldd",
+    "LoggedCurrent": "heldd",
     "Limits": "velocty",
     "Link": "alhpa",
     "Chain": "gravitiy",

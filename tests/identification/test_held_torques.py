@@ -1,0 +1,38 @@
+"""Whether a logged torque was held until the next sample follows from the log."""
+
+import dataclasses
+
+import pytest
+
+from ctc import ComputedTorque
+from identification import identify
+from plant import LoggedCurrent, LoggedTorque, puma560, simulate
+
+
+def repeated(law, made_by):
+    """A log of the paper's arm under a controller, as one that repeats its torque or current."""
+    made = simulate(puma560.arm(), puma560.rig(), made_by, puma560.reference(), duration=2.0)
+    current = made.rig.drive.current(made.torque)
+    return dataclasses.replace(made, law=law, current=current, true_q=None, true_qd=None)
+
+
+@pytest.mark.parametrize("law", [LoggedTorque(), LoggedCurrent()])
+def test_the_torque_of_a_loop_faster_than_its_log_is_found_to_be(law):
+    """P of the paper is fast hardware: held, its torques made late and wrong arms."""
+    found = identify(puma560.dynamics(), repeated(law, puma560.p_law()), progress=False)
+    assert found.records[0].law.held is False
+    assert "delay" not in found.diagnostics.detection.names
+    assert found.fit.rms_innovation < 1
+
+
+def test_the_torque_of_a_sampled_controller_is_found_to_be_held():
+    controller = ComputedTorque(puma560.arm(), puma560.rig())
+    found = identify(puma560.dynamics(), repeated(LoggedTorque(), controller), progress=False)
+    assert found.records[0].law.held is True
+    assert "delay" not in found.diagnostics.detection.names
+
+
+def test_what_is_stated_of_the_torque_stays():
+    log = repeated(LoggedTorque(held=True), puma560.p_law())
+    found = identify(puma560.dynamics(), log, progress=False, method="equation_error")
+    assert found.records[0].law.held is True
