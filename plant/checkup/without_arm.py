@@ -396,7 +396,7 @@ def _sizes() -> Iterator[Hypothesis[Any]]:
             sentence=f"The counts of {whose} are {{shift}}",
             remedy="Shift them.",
             # A drive exports all joints in one row, and few logs tell that of every joint.
-            against=8.0 if alone else 5.0,
+            against=5.5 if alone else 5.0,
             undo=counts_in_time,
             measurement=_STEP,
             evidence=delay_evidence,
@@ -411,7 +411,7 @@ def _sizes() -> Iterator[Hypothesis[Any]]:
             check="delay",
             sentence=f"The torques of {whose} are {{shift}}",
             remedy="Shift them." if alone else "Shift them{option}.",
-            against=8.0 if alone else 5.0,
+            against=5.5 if alone else 5.0,
             undo=torques_in_time,
             measurement=_STEP,
             scope=scope,
