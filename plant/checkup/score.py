@@ -225,10 +225,11 @@ class Experiment:
 
     def __init__(self, record: Any, base: "Experiment | None" = None) -> None:
         self.record = record
-        self.signals = Signals(record)
+        self.signals = Signals(record, base.signals if base else None)
         self.n = record.n
         self.base = base
         self._filtered: dict[tuple[str, int], tuple[Floats, Filtered]] = {}
+        self._of_inputs: dict[tuple[str, int], tuple[tuple[Any, ...], Any]] = {}
         self._once: dict[str, Any] = {}
 
     def changed(self, record: Any) -> Self:
@@ -244,7 +245,10 @@ class Experiment:
     @functools.cached_property
     def filter(self) -> Filter:
         """The filter of all columns: that of the base where the times are the same."""
-        if self.base is not None and np.array_equal(self.signals.t, self.base.signals.t):
+        t = self.signals.t
+        if self.base is not None and (
+            t is self.base.signals.t or np.array_equal(t, self.base.signals.t)
+        ):
             return self.base.filter
         return Filter(self.signals)
 
@@ -263,11 +267,22 @@ class Experiment:
             base = self.base
             if base is not None and self.filter is base.filter and key in base._filtered:
                 before, filtered = base._filtered[key]
-                if np.array_equal(before, column):
-                    self._filtered[key] = column, filtered
+                if before is table or np.array_equal(before[:, i], column):
+                    self._filtered[key] = table, filtered
                     return filtered
-            self._filtered[key] = column, self.filter(column)
+            self._filtered[key] = table, self.filter(column)
         return self._filtered[key][1]
+
+    def as_before(
+        self, name: str, i: int, inputs: tuple[Any, ...], quantity: Callable[[], Any]
+    ) -> Any:
+        """A quantity of joint i and of these inputs; that of the base where all are its own."""
+        before, value = (self.base and self.base._of_inputs.get((name, i))) or (None, None)
+        # Objects are compared, not their values: a change of a log leaves its other columns alone.
+        if before is None or any(a is not b for a, b in zip(before, inputs, strict=True)):
+            value = quantity()
+        self._of_inputs[name, i] = inputs, value
+        return value
 
     # -- the three equations ----------------------------------------------------------------------
     def commanded_at(self, rows: slice) -> Floats | None:
@@ -276,7 +291,10 @@ class Experiment:
         if self.signals.reference is None:
             return None
         valid = np.flatnonzero(record.valid > 0)[rows]
-        torque = commanded_torque(record, valid)
+        law = record.law, record.rig, record.reference_pulses, record.error_pulses, record.valid
+        torque = self.as_before(
+            str(rows), 0, law, functools.partial(commanded_torque, record, valid)
+        )
         if torque is None:
             return None
         # A known torque that was injected beside the command acts on the motor, too.
@@ -304,7 +322,12 @@ class Experiment:
             # Beside a goal that rests the counts move by noise alone, whatever their scale.
             if np.mean(reference.speed**2) > self.speed_noise:
                 counts = self.filtered("counts", signals.counts, i)
-                shares[i], likelihoods[i] = _following(reference, counts, self.speed_noise, half)
+                shares[i], likelihoods[i] = self.as_before(
+                    "following",
+                    i,
+                    (reference, counts),
+                    functools.partial(_following, reference, counts, self.speed_noise, half),
+                )
         return shares, likelihoods
 
     @property
@@ -358,14 +381,17 @@ class Experiment:
         """The regression of each motor's torque on the motion; None without a torque."""
         if self.equations_of_motion is None:
             return None
+        closed = self.signals.reference is not None
         return [
-            _regression(
-                *equation[:3],
-                self.filter.equations,
-                self.n - 1,
-                closed=self.signals.reference is not None,
+            self.as_before(
+                "motion",
+                i,
+                (equation, closed),
+                functools.partial(
+                    _regression, *equation[:3], self.filter.equations, self.n - 1, closed=closed
+                ),
             )
-            for equation in self.equations_of_motion
+            for i, equation in enumerate(self.equations_of_motion)
         ]
 
     @functools.cached_property
@@ -388,10 +414,21 @@ class Experiment:
         """Columns of each motor's equation of motion; None without a torque, or without rows."""
         if self.torque is None or not len(self.filter.rows):
             return None
-        signals = self.signals
+        counts = tuple(self.filtered("counts", self.signals.counts, i) for i in range(self.n))
+        inputs = *counts, self.record.rig, self.swings
+        equation = self.as_before("columns", 0, inputs, functools.partial(self._columns, counts))
+        torques = [self.filtered("torque", self.torque, i) for i in range(self.n)]
+        return [
+            self.as_before(
+                "equation", i, (torque, equation), functools.partial(equation, i, torque)
+            )
+            for i, torque in enumerate(torques)
+        ]
+
+    def _columns(self, counts):
+        """A function of motor and filtered torque that gives its equation of motion."""
         to_angle = self.record.rig.encoder.to_angle
         per_pulse = np.broadcast_to(to_angle(np.ones(self.n)), (self.n,))
-        counts = [self.filtered("counts", signals.counts, i) for i in range(self.n)]
         acceleration = np.column_stack([column.acceleration for column in counts]) * per_pulse
         speed = np.column_stack([column.speed for column in counts]) * per_pulse
         direction = np.column_stack([column.direction for column in counts])
@@ -410,16 +447,13 @@ class Experiment:
         def average(table):
             return self.filter.average(table, windows) if self.swings else table
 
-        torques = [self.filtered("torque", self.torque, i) for i in range(self.n)]
-        return [
-            Equation(
-                own=average(np.column_stack([acceleration[:, i], speed[:, i], direction[:, i]])),
-                free=average(np.column_stack([np.delete(acceleration, i, axis=1), shared])),
-                torque=average(torque.value[:, None])[:, 0],
-                slope=average(torque.speed[:, None])[:, 0],
-            )
-            for i, torque in enumerate(torques)
-        ]
+        def equation(i, torque):
+            own = np.column_stack([acceleration[:, i], speed[:, i], direction[:, i]])
+            free = np.column_stack([np.delete(acceleration, i, axis=1), shared])
+            value, slope = average(np.column_stack([torque.value, torque.speed])).T
+            return Equation(average(own), average(free), value, slope)
+
+        return equation
 
     def _coupling(self, angle, speed, acceleration):
         """Columns of an inertia that depends on the pose, and of the Coriolis torques with it.

@@ -61,7 +61,7 @@ class Signals:
     time between two samples [s].
     """
 
-    def __init__(self, record) -> None:
+    def __init__(self, record, base: "Signals | None" = None) -> None:
         self.record = record
         self.rig = record.rig
         self.n = record.n
@@ -70,21 +70,30 @@ class Signals:
         )
         # Rows without weight would be outliers of every check.
         self._valid = record.valid > 0
-        self.t = record.t[self._valid]
-        self.counts = record.counts[self._valid]
+        self._all_valid = bool(self._valid.all())
+        self.t = self._rows(record.t)
+        # Columns that a changed record shares with its base are not computed again.
+        before = base and base.record
+        columns = "error_pulses", "reference_pulses", "valid"
+        same = before and all(getattr(before, name) is getattr(record, name) for name in columns)
+        self.counts = base.counts if base and same else self._rows(record.counts)
         self.reference = None
         # Records without a reference have zeros there.
         if record.reference_pulses.any():
-            self.reference = record.reference_pulses[self._valid]
+            self.reference = self._rows(record.reference_pulses)
         drive = record.rig.drive
         self.torque = None
         if record.torque is not None:
-            self.torque = drive.motor_torque(record.torque)[self._valid]
+            self.torque = self._rows(drive.motor_torque(record.torque))
         elif record.current is not None:
-            self.torque = (drive.motor_gain * record.current)[self._valid]
+            self.torque = self._rows(drive.motor_gain * record.current)
         self.interval = (
             float(np.median(np.diff(record.t))) if len(record) > 1 else record.rig.period
         )
+
+    def _rows(self, table):
+        """Rows of a table with weight; the table itself where all have it, for it may be long."""
+        return table if self._all_valid else table[self._valid]
 
     def per_joint(self, *checks: Callable[[Any, int], T]) -> Iterator[T]:
         """Results of these checks, one check after another, joint by joint."""

@@ -53,6 +53,9 @@ def frozen(cls: type[T]) -> type[T]:
 
 
 def _same(a: Any, b: Any) -> bool:
+    # One object needs no comparison; parts of a changed copy are those of the original.
+    if a is b:
+        return True
     if type(a) is not type(b):
         return False
     # Bytes, not ==: NaN must equal NaN, and 0.0 must differ from -0.0.
