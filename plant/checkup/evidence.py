@@ -14,6 +14,7 @@ from plant.checkup.torque_regression import TorqueRegression, least_squares
 from plant.checkup.undo import (
     SLACK,
     as_commanded,
+    counted_edges,
     counted_in_steps,
     gains_in_ampere,
     other_resolution,
@@ -396,11 +397,33 @@ def grid_evidence(experiment: Experiment, joints: Joints) -> Iterator[tuple[floa
 
 
 def radian_evidence(experiment: Experiment, joints: Joints) -> Iterator[tuple[float, float]]:
-    """Log odds of a resolution per radian: gravity and inertia that no arm has, then those of one.
+    """Log odds of a resolution per radian."""
+    changed = experiment.changed(other_resolution(experiment.record, joints, 2 * np.pi))
+    yield from _stranger(experiment, changed, 2 * np.pi)
+
+
+def edges_evidence(experiment: Experiment, joints: Joints) -> Iterator[tuple[float, float]]:
+    """Log odds of lines that are stated in place of counts, or the reverse."""
+    chosen = list(joints) or slice(None)
+    follows = experiment.signals.reference is None or experiment.signals.tracks[chosen].all()
+    for size in EDGES:
+        changed = experiment.changed(counted_edges(experiment.record, joints, size))
+        # Counts that do not follow their reference show the factor by themselves.
+        if not follows:
+            yield size, changed.score - experiment.score
+        elif len(joints) in (0, experiment.n):
+            yield from _stranger(experiment, changed, size)
+
+
+EDGES = (4.0, 2.0, 0.5, 0.25)
+"""Counts per pulse that is stated: a line of an encoder has four edges, of which some count two."""
+
+
+def _stranger(experiment, changed, size):
+    """Log odds of another resolution: gravity and inertia that no arm has, then those of one.
 
     What springs and other arms need of more columns is a small share of their torque.
     """
-    changed = experiment.changed(other_resolution(experiment.record, joints, 2 * np.pi))
     if experiment.motions is None or changed.motions is None:
         return
     before, after = (
@@ -410,7 +433,7 @@ def radian_evidence(experiment: Experiment, joints: Joints) -> Iterator[tuple[fl
     inertia = float((changed.terms["inertia"] - experiment.terms["inertia"]).sum())
     strange = before > _STRANGE * SETTINGS.motion or inertia > _BELOW_ROTOR
     if strange and after < SETTINGS.motion:
-        yield 2 * np.pi, changed.score - experiment.score
+        yield size, changed.score - experiment.score
 
 
 # Share of a torque that the motion leaves unexplained, of what it leaves in right logs, from which

@@ -12,6 +12,7 @@ import numpy as np
 
 from plant.checkup.hypothesis import Joints
 from plant.checkup.score import Experiment
+from plant.checkup.signals import Signals
 from plant.laws.pid import PD, P
 from plant.laws.replayed import commanded_torque
 from plant.parts.fields import Floats
@@ -270,6 +271,24 @@ def other_resolution(record: Any, joints: Joints, size: float) -> Any:
     encoder = replace(encoder, resolution=encoder.resolution * size)
     # A stated `reference` would contradict the column that was counted.
     return replace(record, rig=replace(record.rig, encoder=encoder), reference=None)
+
+
+def counted_edges(record: Any, joints: Joints, size: float) -> Any:
+    """Multiply the stated resolution, and with it a reference that the rig made of angles.
+
+    Counts and torques stay; a reference that the counts follow as it is was counted, too.
+    """
+    signals = Signals(record)
+    chosen = list(joints) or slice(None)
+    if signals.reference is None or signals.tracks[chosen].all():
+        factors = np.ones(record.n)
+    else:
+        factors = _factors(record, joints, size)
+    encoder = record.rig.encoder
+    encoder = replace(encoder, resolution=encoder.resolution * _factors(record, joints, size))
+    pulses = np.round(record.reference_pulses * factors)
+    restated = with_reference(record, pulses)
+    return replace(restated, rig=replace(record.rig, encoder=encoder))
 
 
 def counted_in_steps(record: Any, joints: Joints, size: float) -> Any:

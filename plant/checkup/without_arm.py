@@ -16,6 +16,7 @@ from plant.checkup.evidence import (
     command_ratios,
     delay_evidence,
     delay_sizes,
+    edges_evidence,
     friction_ratios,
     gains_evidence,
     grid_evidence,
@@ -36,6 +37,7 @@ from plant.checkup.gain_units import GAINS, other_gains, unit_evidence
 from plant.checkup.hypothesis import Hypothesis, Joints, each_joint, pairs
 from plant.checkup.undo import (
     as_commanded,
+    counted_edges,
     counted_in_steps,
     counts_in_time,
     exchanged_counts,
@@ -270,6 +272,19 @@ def _statements() -> Iterator[Hypothesis[Any]]:
         evidence=radian_evidence,
         against=8.0,
     )
+    for scope in (each_joint, several):
+        yield Hypothesis(
+            name="lines of the encoder",
+            check="quantisation step",
+            sentence="The encoder gives {value:g} times the stated pulses per turn",
+            remedy="State counts per turn, four per line if all edges count, or correct the gear.",
+            undo=counted_edges,
+            measurement=_RIGHT_ANGLE,
+            scope=scope,
+            evidence=edges_evidence,
+            # Four sizes share the odds.
+            against=6.5,
+        )
     yield Hypothesis(
         name="unit of time",
         check="period",

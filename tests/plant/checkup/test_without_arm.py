@@ -18,6 +18,7 @@ from plant import (
     read_robot,
     simulate,
 )
+from plant.checkup import score
 from plant.checkup.hypothesis import each_joint
 
 RIG = puma560.rig()
@@ -71,6 +72,17 @@ def in_pulses_per_radian(record):
     return dataclasses.replace(record, rig=dataclasses.replace(record.rig, encoder=encoder))
 
 
+def in_lines(record, *joints):
+    """Lines stated in place of counts; the rig makes its reference of angles."""
+    factors = np.ones(record.n)
+    factors[list(joints) or slice(None)] = 0.25
+    encoder = record.rig.encoder
+    encoder = dataclasses.replace(encoder, resolution=factors * encoder.resolution)
+    rig = dataclasses.replace(record.rig, encoder=encoder)
+    pulses = np.rint(factors * record.reference_pulses)
+    return dataclasses.replace(with_reference(record, pulses), rig=rig)
+
+
 DRIVE = RIG.drive
 MISTAKES = {
     # name of the cause: (mistake, joints, size; None: a switch)
@@ -102,6 +114,7 @@ MISTAKES = {
         (),
         None,
     ),
+    "lines of the encoder": (in_lines, (), 4.0),
     "resolution per radian": (in_pulses_per_radian, (), None),
     "torque scale": (lambda r: with_torque(r, 1.96 * r.torque), (), 1.96),
     "late counts": (
@@ -257,3 +270,30 @@ def test_hypotheses_that_fail_or_change_nothing_are_named_and_the_others_go_on(r
         "broken",
         "misspelt",
     ]
+
+
+def test_lines_of_one_encoder_are_put_right(record):
+    checkup = in_lines(record, 1).check()
+    cause = checkup.causes[0]
+    assert (cause.name, cause.joints, cause.size) == ("lines of the encoder", (1,), 4.0)
+    stated, right = (each.rig.encoder.resolution for each in (checkup.corrected, record))
+    np.testing.assert_allclose(stated, right)
+
+
+def test_a_changed_torque_is_compared_with_its_own_motion_alone(record, monkeypatch):
+    """What a hypothesis leaves as it is costs no second regression, and no second run of the
+    law.
+    """
+    calls = []
+    for name in ("_regression", "_following", "commanded_torque"):
+        made = getattr(score, name)
+        monkeypatch.setattr(
+            score, name, lambda *a, name=name, made=made, **b: calls.append(name) or made(*a, **b)
+        )
+    experiment = score.Experiment(record)
+    before = experiment.score
+    assert sorted(calls) == ["_following"] * 2 + ["_regression"] * 2 + ["commanded_torque"]
+    calls.clear()
+    changed = experiment.changed(with_torque(record, record.torque * (1.0, 2.0)))
+    assert changed.score < before
+    assert calls == ["_regression"]
