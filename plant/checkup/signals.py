@@ -76,7 +76,7 @@ class Signals:
         before = base and base.record
         columns = "error_pulses", "reference_pulses", "valid"
         same = before and all(getattr(before, name) is getattr(record, name) for name in columns)
-        self.counts = base.counts if base and same else self._rows(record.counts)
+        self.counts: Floats = base.counts if base and same else self._rows(record.counts)
         self.reference = None
         # Records without a reference have zeros there.
         if record.reference_pulses.any():
