@@ -102,7 +102,7 @@ class Law(Part, abc.ABC):
 
     @property
     def interpolates(self) -> bool:
-        """Whether that column is on straight lines between its rows; else a row holds to the next."""
+        """Whether that column is on straight lines between rows; else a row holds to the next."""
         return False
 
     def __post_init__(self) -> None:
