@@ -177,9 +177,7 @@ class Ledger:
             return False
         with self._writing():
             # A new attempt has a time of its own: the days since the last one are not its work.
-            self._base.execute(
-                "update tasks set began = ? where number = ?", (time.time(), number)
-            )
+            self._base.execute("update tasks set began = ? where number = ?", (time.time(), number))
         return True
 
     def done(self, number: int, name: str, result: Any) -> Any:

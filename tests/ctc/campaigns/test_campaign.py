@@ -276,7 +276,6 @@ def test_a_ledger_that_cannot_be_opened_frees_its_folder(tmp_path):
     del refusal
 
 
-
 def _read(path):
     return path.read_text()
 
