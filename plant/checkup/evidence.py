@@ -187,7 +187,7 @@ def delays(experiment: Experiment) -> Delay | None:
     if signals.torque is not None or experiment.commanded is None or not signals.long_enough:
         return None
     # The gain [N m/pulse] of a law without memory turns a shift of the counts into torque.
-    error = signals.reference - signals.counts
+    error = np.asarray(signals.reference) - signals.counts
     gain = (error * experiment.commanded).sum(axis=0) / np.maximum((error**2).sum(axis=0), 1e-300)
     angle = experiment.record.rig.encoder.to_angle(np.ones(experiment.n))
     # Viscous friction [N m s/rad] that looks like a delay of one sample.

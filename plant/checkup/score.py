@@ -225,7 +225,7 @@ class Experiment:
 
     def __init__(self, record: Any, base: "Experiment | None" = None) -> None:
         self.record = record
-        self.signals = Signals(record, base.signals if base else None)
+        self.signals: Signals = Signals(record, base.signals if base else None)
         self.n = record.n
         self.base = base
         self._filtered: dict[tuple[str, int], tuple[Floats, Filtered]] = {}
