@@ -16,6 +16,7 @@ from identification.equation_error.naming import column_of
 from identification.equation_error.prior import Known, Prior
 from identification.equation_error.pulse_fit import mode_in, over_bands
 from identification.equation_error.regressor import linear
+from identification.equation_error.stated_law import told_by_torque
 from identification.equation_error.torque_logs import torque_of
 from identification.replay.experiment import as_records
 from identification.replay.objective import Objective
@@ -168,7 +169,12 @@ def prepare(
     objective = Objective(dynamics, searched, unknown, **options)
     # A law with unknown gains cannot be run along the log beforehand.
     of_law = any(name.startswith("law.") for name in objective.unknown)
-    followed = tuple(along_log(record, unknown_law=of_law) for record in objective.records)
+    elastic = any(record.rig.drive.elasticity is not None for record in objective.records)
+    told = [None if of_law or elastic else told_by_torque(log) for log in objective.records]
+    followed = tuple(
+        along_log(record, unknown_law=of_law) if state is None else state[0]
+        for record, state in zip(objective.records, told, strict=True)
+    )
     labels = dynamics.chain.joint_labels
     # Checked as they are followed: the torque of a law counts like a logged one.
     naming.of_each(
@@ -196,6 +202,7 @@ def prepare(
         options=options,
         tolerances=tolerances or Tolerances(),
         prior=of_f,
+        memories=tuple(state and state[1] for state in told) if any(told) else (),
     )
 
     # 3. Combinations that no method can identify.

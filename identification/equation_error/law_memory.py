@@ -83,12 +83,19 @@ class Memory:
     `state` (s,): from which they are counted. `directions` (s, r): changes of the state, each of
     which makes a torque of 1 N m (rms over the log and all joints); none where the state is known,
     or does not show. `usual` (r,): how far states are apart in the log, along each [N m], with
-    torques of no more than its largest.
+    torques of no more than its largest. `noise` (n,): of a logged torque that tells the state
+    [N m]; the usual distances are standard deviations by it. None where no torque tells it.
     """
 
     state: Floats
     directions: Floats
     usual: Floats
+    noise: Floats | None = None
+
+    @property
+    def deviations(self) -> Floats:
+        """Standard deviations (r,) of the coordinates before the counts are read [N m]."""
+        return self.usual if self.noise is not None else SETTINGS.deviation * self.usual
 
     @classmethod
     def known(cls, state: Floats) -> Self:
@@ -180,7 +187,9 @@ def with_state(dynamics: Dynamics, record: Record, unknown: Iterable[str]) -> tu
         if not len(columns):
             break
         # The first round chooses a band, and the later rounds keep it.
-        coordinates, bands = _fitted(dynamics, record, names, run, columns, memory.usual, bands)
+        coordinates, bands = _fitted(
+            dynamics, record, names, run, columns, memory.deviations, bands
+        )
         change = memory.directions @ coordinates
         record = _moved(record, change)
         memory = replace(memory, state=memory.state + change)
@@ -310,8 +319,8 @@ def state_directions(record: Record, run: LawRun, scale: Floats) -> tuple[Memory
     return Memory(state=np.array(law.state), directions=directions, usual=usual), columns
 
 
-def _fitted(dynamics, record, unknown, run, columns, usual, bands):
-    """Coordinates (r,) [N m] of the least residual beside their usual size, and its band."""
+def _fitted(dynamics, record, unknown, run, columns, deviations, bands):
+    """Coordinates (r,) [N m] of the least residual beside their deviations, and its band."""
     rig = record.rig
     torque = law_torque(record, run)
     fits = []
@@ -339,12 +348,11 @@ def _fitted(dynamics, record, unknown, run, columns, usual, bands):
         return np.zeros(len(columns)), bands
     _, sigma, best, band = min(fits, key=lambda fit: fit[0])
 
-    # The same equations again, with the usual size of the state as a prior beside them.
+    # The same equations again, with the deviations of the state as a prior beside them.
     # Each equation by the scatter of its joint, so that the prior has the same unit: one standard
     # deviation.
     weight = 1 / sigma[np.nonzero(best.used)[1]]
-    deviation = np.diag(1 / (SETTINGS.deviation * usual))
-    expected = np.hstack([np.zeros((len(columns), len(unknown))), deviation])
+    expected = np.hstack([np.zeros((len(columns), len(unknown))), np.diag(1 / deviations)])
     rows = np.vstack([best.regressor[best.used] * weight[:, None], expected])
     values = least(rows, np.append(best.torque[best.used] * weight, np.zeros(len(columns))))
     return values[len(unknown) :], np.array([band])

@@ -4,9 +4,24 @@ from dataclasses import replace
 
 import numpy as np
 
-from identification.equation_error.law_memory import FADED, at_work, reading, state_directions
-from identification.equation_error.torque_logs import law_torque, logged_torque, torque_of
-from identification.equation_error.torque_noise import independent_noise
+from identification.equation_error.law_memory import (
+    FADED,
+    Memory,
+    at_work,
+    reading,
+    state_directions,
+)
+from identification.equation_error.torque_logs import (
+    law_torque,
+    logged_torque,
+    measured_torque,
+    torque_of,
+)
+from identification.equation_error.torque_noise import (
+    independent_noise,
+    is_white,
+    white_noise,
+)
 from plant import Record, Resumed
 from plant.laws.pid import variants
 from plant.parts import Floats, frozen_settings
@@ -50,6 +65,40 @@ def torque_apart(record: Record) -> Floats | None:
     None where nothing can be compared: nothing logged, counts that were moved, no law or one that
     repeats the log, fast hardware with a memory, or a reference whose rounding hides the torque.
     """
+    compared = _compared(record)
+    if compared is None:
+        return None
+    logged, torque = compared
+    squares = np.mean((torque - logged) ** 2, axis=0)
+    # The noise of a current sensor is no other law.
+    noise = independent_noise(logged, torque, held=_is_held(record))
+    distance = np.sqrt(np.maximum(squares - noise**2, 0))
+    size = np.sqrt(np.mean(logged**2, axis=0))
+    # A joint without torque has no share of it.
+    return distance / np.maximum(size, 1e-9 * max(size.max(), 1e-300))
+
+
+def noise_of_torque(record: Record) -> Floats:
+    """Noise (n,) of the logged torque or current [N m]; beside a stated law, without its chatter.
+
+    Where no torque of a law can be compared, chatter counts as noise.
+    """
+    compared = _compared(record)
+    if compared is None:
+        return white_noise(measured_torque(record)[record.valid > 0])
+    return independent_noise(*compared, held=_is_held(record))
+
+
+def _is_held(record):
+    """Whether the stated law holds its torque for a sample."""
+    return record.law is not None and record.law.period is not None
+
+
+def _compared(record):
+    """Logged torque and that of the stated law (M, n), where both are known; None where neither is.
+
+    The law begins in the best state.
+    """
     law = record.law
     if law is None or not _comparable(record):
         return None
@@ -60,19 +109,58 @@ def torque_apart(record: Record) -> Floats | None:
         nearest = _nearest(record, logged)
         if nearest is None:
             return None
-        torque = law_torque(nearest)
-    # Rows before which the filters of the law have read no bridged count for a while.
+        torque = law_torque(nearest[0])
+    rows = _settled(record)
+    return (logged[rows], torque[rows]) if rows.size else None
+
+
+def _settled(record):
+    """Rows before which the filters of the law have read no bridged count for a while."""
     lost = np.cumsum(record.valid == 0)
-    rows = FADED + np.flatnonzero(lost[FADED:] == lost[:-FADED])
-    if not rows.size:
+    return FADED + np.flatnonzero(lost[FADED:] == lost[:-FADED])
+
+
+def told_by_torque(record: Record) -> tuple[Record, Memory] | None:
+    """The record with its law in the state that a noisy torque tells, and what it leaves open.
+
+    The law gives its torque as exactly as the counts are known; the column has the noise of its
+    sensor beside it, which no arm felt. None where the difference is none, or is more than noise.
+    """
+    law = record.law
+    sampled = law is not None and law.period is not None and law.has_memory(record.n)
+    if not sampled or isinstance(law, Resumed) or not _comparable(record):
         return None
-    squares = np.mean((torque - logged)[rows] ** 2, axis=0)
-    # The noise of a current sensor is no other law.
-    noise = independent_noise(logged[rows], torque[rows], held=law.period is not None)
-    distance = np.sqrt(np.maximum(squares - noise**2, 0))
-    size = np.sqrt(np.mean(logged[rows] ** 2, axis=0))
-    # A joint without torque has no share of it.
-    return distance / np.maximum(size, 1e-9 * max(size.max(), 1e-300))
+    logged = logged_torque(record)
+    nearest = _nearest(record, logged)
+    rows = _settled(record)
+    if nearest is None or len(rows) < len(record) / 2:
+        return None
+    followed, usual = nearest
+    run = run_law(followed)
+    torque = law_torque(followed, run)
+    difference = (logged - torque)[rows]
+    size = np.sqrt(np.mean(difference**2, axis=0))
+    differs = (size > SETTINGS.differs * np.sqrt(np.mean(logged[rows] ** 2, axis=0))).any()
+    if not differs or not is_white(difference, torque[rows]).all():
+        return None
+    noise = white_noise(difference, held=True)
+    memory, columns = state_directions(followed, run, usual)
+    # A law that began with the log keeps that state, unless the torque refutes it: evidence of its
+    # numbers, where neighbours share half of their noise, as means of two samples.
+    state = law.initial_state(record.n)
+    beginning = reading(record, Resumed(law=law, state=state))
+    fresh = (logged - law_torque(beginning))[rows]
+    unit = np.where(size > 0, size, size.max())
+    gain = ((fresh / unit) ** 2 - (difference / unit) ** 2).sum() / 2
+    if gain < len(columns) * np.log(difference.size):
+        return beginning, replace(Memory.known(state), noise=noise)
+    # The state by least squares of the noise, in its own standard deviations.
+    weighted = columns[:, rows] / unit
+    squares, axes = np.linalg.eigh(np.einsum("amn,bmn->ab", weighted, weighted))
+    directions = memory.directions @ (axes * np.sqrt(2 / squares))
+    return followed, replace(
+        memory, directions=directions, usual=np.ones(len(squares)), noise=noise
+    )
 
 
 def likelier_variant(record: Record, apart: Floats) -> tuple[str, Floats] | None:
@@ -111,6 +199,7 @@ def begun(record: Record) -> Record:
     if nearest is None:
         return record
 
+    nearest, _ = nearest
     # A law that begins with the log explains the torque about as well: then nothing came before.
     valid = np.flatnonzero(record.valid > 0)
     rows = valid[valid >= FADED]
@@ -144,7 +233,8 @@ def _comparable(record):
 def _nearest(record, logged):
     """The record with its law reading the log, from the state nearest to the logged torque (N, n).
 
-    None where its reference does not determine its torque, and of fast hardware.
+    And usual magnitudes (s,) of that state. None where its reference does not determine its
+    torque, and of fast hardware.
     """
     law = record.law
     # Fast hardware reads the arm between samples, where the log has nothing.
@@ -167,4 +257,4 @@ def _nearest(record, logged):
         state = memory.at(least(rows, missing))
         reader = followed.law
         followed = replace(followed, law=replace(reader, state=state))
-    return followed
+    return followed, usual

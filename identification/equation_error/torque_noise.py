@@ -7,7 +7,7 @@ law's torque tell the chatter of its counts apart, which the arm did feel.
 
 import numpy as np
 
-from plant.parts import Floats, frozen_settings
+from plant.parts import Bools, Floats, frozen_settings
 from plant.parts.sums import dot
 
 
@@ -22,10 +22,13 @@ class TorqueNoiseSettings:
         come from the command: the law differs in what it makes of counts.
     normal : float
         Standard deviation over the median of the absolute value, of a normal distribution.
+    certain : float
+        Standard deviations of a correlation above which a difference is more than noise.
     """
 
     alike: float = 0.3
     normal: float = 1.4826
+    certain: float = 5.0
 
 
 SETTINGS = TorqueNoiseSettings()
@@ -59,3 +62,19 @@ def independent_noise(logged: Floats, commanded: Floats, *, held: bool) -> Float
         if size > 0 and abs(dot(difference, chatter)) > SETTINGS.alike * size:
             noise[i] = 0.0
     return noise
+
+
+def is_white(difference: Floats, commanded: Floats) -> Bools:
+    """Whether differences (N, n) of torques that are held for a sample are noise, of each joint.
+
+    They are as large from sample to sample as white noise of their size, and do not go with the
+    commanded torque (N, n).
+    """
+    # Means of two samples of white noise: half of their square changes, the other half stays.
+    squares = np.einsum("ij,ij->j", difference, difference)
+    steps = np.diff(difference, axis=0)
+    slow = 1 - np.einsum("ij,ij->j", steps, steps) / np.where(squares > 0, squares, 1)
+    size = np.sqrt(squares * np.einsum("ij,ij->j", commanded, commanded))
+    alike = np.einsum("ij,ij->j", difference, commanded) / np.where(size > 0, size, 1)
+    limit = SETTINGS.certain * np.sqrt(2 / len(difference))
+    return (squares == 0) | ((slow < limit) & (np.abs(alike) < limit))

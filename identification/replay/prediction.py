@@ -57,8 +57,6 @@ class PredictionSettings:
         Step of the state of a law [N m].
     begin_step, speed_step : float
         Steps of the position [rad] and of the speed [rad/s] at the start.
-    state_deviation : float
-        Expected magnitude of a law's state, relative to its magnitude in the log.
     unlimited : float
         Largest such ratio where no reading determines the state, and the amplifier has no limit.
     unequal : float
@@ -75,7 +73,6 @@ class PredictionSettings:
     state_step: float = 0.05
     begin_step: float = 1e-6
     speed_step: float = 1e-4
-    state_deviation: float = 2.0
     unlimited: float = 100.0
     unequal: float = 1.5
 
@@ -245,14 +242,14 @@ class Prediction(Stacked):
             )
             for k in range(len(records))
         ]
-        expected = [np.empty(0)]
+        expected = np.empty((2, 0))
         self._memories = []
         for k, (record, memory) in enumerate(zip(records, memories, strict=True)):
             begin = vector.end
             if memory is not None:
-                expected.append(_add_memory(vector, k, record, memory))
+                expected = np.hstack([expected, _add_memory(vector, k, record, memory)])
             self._memories.append(slice(begin, vector.end))
-        self._expected = np.concatenate(expected)
+        self._expected, told = expected
         # Fits take one vector: the numbers that were asked for, and the nuisances behind them.
         self.unknown = (*unknown, *vector.names)
         self.nuisances = vector.all("start")
@@ -261,7 +258,7 @@ class Prediction(Stacked):
 
         # 4. The rows: a prior's, the records', and the expected magnitudes of what is remembered.
         weights = [followed.weight.ravel() for followed in self._followed]
-        super().__init__(PriorRows(prior, unknown), weights, len(self._expected))
+        super().__init__(PriorRows(prior, unknown), weights, told)
         self.threads = int(threads or cores())
         self.dependent = self.prior.own(DEPENDENT)
         # The state of a law before its log has expected magnitudes, which count little beside
@@ -293,17 +290,18 @@ class Prediction(Stacked):
     def widest(self, direction: Floats) -> Floats:
         """A direction (k,) of values that readings do not determine, one standard deviation long.
 
-        An integral can hold any torque that the amplifier gives, whatever it held in the log.
+        An integral can hold any torque that the amplifier gives, whatever it held in the log; the
+        arm began near its counts, and a torque tells the state within its noise.
         """
-        shares = []
-        for followed, memory in zip(self._followed, self._memories, strict=True):
-            if followed.memory is None:
-                continue
-            usual = followed.memory.usual
-            limit = followed.record.rig.drive.torque_limit().max() / np.sqrt(3)  # uniform
-            largest = np.minimum(limit, SETTINGS.unlimited * usual)
-            shares.append(np.abs(direction[memory][: usual.size]) / largest)
-        return direction / np.concatenate(shares).max()
+        largest = ROUNDING / self._expected
+        begin = len(direction) - len(largest)
+        for followed, place in zip(self._followed, self._memories, strict=True):
+            memory = followed.memory
+            if memory is not None and memory.noise is None:
+                limit = followed.record.rig.drive.torque_limit().max() / np.sqrt(3)  # uniform
+                state = slice(place.start - begin, place.start - begin + memory.usual.size)
+                largest[state] = np.minimum(limit, SETTINGS.unlimited * memory.usual)
+        return direction / (np.abs(direction[begin:]) / largest).max()
 
     def lost(self, values: Floats) -> str:
         """Label of the first record whose run with these values diverges; "" of a single record."""
@@ -434,7 +432,7 @@ class Prediction(Stacked):
 def _add_memory(vector, k, record, memory):
     """Add the state of a record's law and arm before its log to the nuisances.
 
-    Returns one over their expected magnitudes, in RMS roundings.
+    Returns one over their expected magnitudes, in RMS roundings, and the weight of each.
     """
     n = record.n
     vector.add(
@@ -444,5 +442,8 @@ def _add_memory(vector, k, record, memory):
     vector.add([f"record[{k}].speed[{i}]" for i in range(n)], step=SETTINGS.speed_step)
     # The arm can be off by a pulse, and by a pulse per sample.
     pulse = np.abs(np.diag(record.rig.to_angle(np.eye(n))))
-    magnitudes = [SETTINGS.state_deviation * memory.usual, pulse, pulse / record.rig.period]
-    return ROUNDING / np.concatenate(magnitudes)
+    magnitudes = np.concatenate([memory.deviations, pulse, pulse / record.rig.period])
+    # A state that a torque tells is a reading; a usual magnitude is none.
+    weights = np.zeros(len(magnitudes))
+    weights[: memory.usual.size] = memory.noise is not None
+    return ROUNDING / magnitudes, weights

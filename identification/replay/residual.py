@@ -182,16 +182,18 @@ class WithPrior(_Batched):
 
 
 class Stacked(_Batched):
-    """The rows of several records one after another: first a prior's of f, last `expected` more.
+    """The rows of several records one after another: first a prior's of f, last expected values.
 
-    `weights`: of the innovations of each record. A class that derives from it says in `parts` how
-    the rows of each record are made.
+    `weights`: of the innovations of each record; `expected`: of the last rows. A class that derives
+    from it says in `parts` how the rows of each record are made.
     """
 
-    def __init__(self, prior: PriorRows, weights: Sequence[Floats], expected: int = 0) -> None:
+    def __init__(
+        self, prior: PriorRows, weights: Sequence[Floats], expected: Floats | tuple[()] = ()
+    ) -> None:
         self.prior = prior
-        # A prior and an expected value are no readings of the log: they have no weight.
-        self.weights = np.concatenate([np.zeros(prior.count), *weights, np.zeros(expected)])
+        # A prior is no reading of the log: it has no weight.
+        self.weights = np.concatenate([np.zeros(prior.count), *weights, expected])
         # In pulses at first: a scale needs innovations, and these a fit.
         self.scales = np.ones(len(self.weights))
 

@@ -30,7 +30,14 @@ from identification.results.with_arm import OF_RECORDS
 from identification.search.memory import placed, repeating
 from identification.search.methods import prediction_error
 from identification.search.outcome import Fit, Outcome
-from identification.search.predictive import ROUGH, Predicted, doubtful, in_open_loop, predicted
+from identification.search.predictive import (
+    ROUGH,
+    Predicted,
+    apart_by_steps,
+    doubtful,
+    in_open_loop,
+    predicted,
+)
 from identification.search.problem import Problem
 from plant.parts.checkpoint import Checkpoint
 from plant.parts.fields import Floats
@@ -172,6 +179,15 @@ class Diagnostics(Shown, Frozen):
             ]
             fine_costs = [_cost(fit, objective) for objective in again]
             fine = _runs(replace(problem, options=finer), fit, again, fine_costs)
+            # An error of integration is in the values as well, of which the finer steps know
+            # nothing: it adds to what may remain.
+            fine = [
+                run._replace(
+                    limit=run.limit
+                    + apart_by_steps(problem, fit, objective.records, FINE.fine_steps)
+                )
+                for run, objective in zip(fine, objectives, strict=True)
+            ]
             doubted = _doubted(fine, again)
             runs = runs if doubted else fine
         if doubted and problem.method not in ROUGH:
@@ -316,6 +332,7 @@ def _alone(problem: Problem, k: int) -> _Alone:
     alone = replace(
         problem,
         records=(problem.records[k],),
+        memories=problem.memories[k : k + 1],
         objective=Objective(
             problem.dynamics, problem.objective.records[k], problem.unknown, **problem.options
         ),

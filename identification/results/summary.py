@@ -231,10 +231,10 @@ def _noise_of_torque(result: Any) -> Iterator[Piece]:
     labels = result.arm.dynamics.chain.joint_labels
     noise = np.abs(drive.motor_torque(fit.torque_noise))
     sizes = ", ".join(f"{size:.2g} at {label}" for size, label in zip(noise, labels, strict=True))
-    yield (
-        f"noise of the logged torque: {sizes} [N m of the motor, rms]; it adds"
-        f" {fit.noise_innovation:.2g} pulses to the innovations"
-    )
+    effect = "the law gives the torque without it"
+    if fit.noise_innovation:
+        effect = f"it adds {fit.noise_innovation:.2g} pulses to the innovations"
+    yield f"noise of the logged torque: {sizes} [N m of the motor, rms]; {effect}"
 
 
 def explained_torque(result: Any) -> Iterator[str]:

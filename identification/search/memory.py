@@ -20,7 +20,7 @@ from identification.equation_error.law_memory import (
     with_state,
 )
 from identification.equation_error.naming import each_named
-from identification.equation_error.stated_law import begun
+from identification.equation_error.stated_law import begun, told_by_torque
 from identification.replay.experiment import with_zeros
 from identification.replay.gauss_newton import gauss_newton, variance_inflation
 from identification.replay.objective import Objective
@@ -29,7 +29,7 @@ from identification.search.problem import Problem
 from plant import Arm, Law, Record, Resumed, Rig, replay
 from plant.laws.resumed import AlongLog
 from plant.machine.inner_loop import InnerLoop
-from plant.simulation.followed_path import in_motion
+from plant.simulation.followed_path import in_motion, is_start_open
 
 # Steps of the differences, in standard deviations of the unknowns: small beside their likelihood.
 _STEP = 0.05
@@ -39,8 +39,10 @@ def with_memory(problem: Problem, fitted: Callable[[Problem], Outcome]) -> Outco
     """Outcome of a method for laws that started with their logs or before: the better of both."""
     # The records of the objective are those of the user, where a state may be stated.
     unstated = [
-        isinstance(record.law, Resumed) and not isinstance(original.law, Resumed)
-        for record, original in zip(problem.records, problem.objective.records, strict=True)
+        isinstance(record.law, Resumed) and not isinstance(original.law, Resumed) and not memory
+        for record, original, memory in zip(
+            problem.records, problem.objective.records, problem.each_memory, strict=True
+        )
     ]
     if not any(unstated):
         return fitted(problem)
@@ -50,7 +52,7 @@ def with_memory(problem: Problem, fitted: Callable[[Problem], Outcome]) -> Outco
 
     # 2. They had been running: their states are unknown.
     records = list(problem.records)
-    memories = list[Memory | None]([None] * len(problem.records))
+    memories = problem.each_memory
     for k, (record, about) in enumerate(each_named(problem.records)):
         with about:
             if unstated[k]:
@@ -99,11 +101,17 @@ def with_starts(problem: Problem) -> Problem:
 
     The counts show both only roughly, and a soft loop remembers its start for a second.
     """
-    memories = list(problem.memories or [None] * len(problem.records))
-    for k, record in enumerate(problem.records):
-        # Of a servo's log the first samples are left out in place of this.
-        if memories[k] is None and in_motion(record) and not isinstance(record.law, InnerLoop):
-            state = record.law.state if isinstance(record.law, Resumed) else np.empty(0)
+    memories = problem.each_memory
+    for k, (record, logged) in enumerate(
+        zip(problem.records, problem.objective.records, strict=True)
+    ):
+        law: Any = record.law
+        # Of a repeated torque, and of a servo, the first samples are left out in place of this; a
+        # state that is stated comes with the instant at which its controller read the arm.
+        left_out = law.replays in ("torque", "current") or isinstance(law, InnerLoop)
+        left_out |= bool(law.replays) and isinstance(logged.law, Resumed)
+        if memories[k] is None and is_start_open(logged) and not left_out:
+            state = law.state if isinstance(law, Resumed) else np.empty(0)
             memories[k] = Memory.known(state)
     return problem if not any(memories) else replace(problem, memories=tuple(memories))
 
@@ -205,7 +213,7 @@ def as_tested(problem: Problem, fit: Fit) -> tuple[list[Record], list[int]]:
             followed = list(resumed_at(followed, fit.resumptions, reading=True))
         if problem.held_out is not None:
             followed += problem.held_out.records
-    records = [along_log(record) for record in followed]
+    records = [(told_by_torque(record) or (along_log(record),))[0] for record in followed]
     replaced = any(record is not old for record, old in zip(records, followed, strict=True))
     # A law that reads its log does not depend on the numbers of the controller.
     acting = [

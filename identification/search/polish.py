@@ -22,10 +22,9 @@ from identification.equation_error.possible_bodies import with_possible_bodies
 from identification.equation_error.pulse_fit import equation_error as fit_pulses
 from identification.equation_error.pulse_fit import over_bands
 from identification.equation_error.regressor import SPRINGS, linear
+from identification.equation_error.stated_law import noise_of_torque
 from identification.equation_error.torque_error import torque_error
 from identification.equation_error.torque_fit import TorqueFit
-from identification.equation_error.torque_logs import measured_torque
-from identification.equation_error.torque_noise import white_noise
 from identification.equation_error.torque_summary import SETTINGS as TORQUE_WARNINGS
 from identification.replay.experiment import RATES
 from identification.replay.gauss_newton import (
@@ -322,6 +321,11 @@ def polished(
         gains=None if gains is None else solution.values[gains],
     )
     outcome = _with_undetermined(outcome, prediction, solution)
+    told = [memory.noise for memory in problem.memories if memory is not None]
+    if any(noise is not None for noise in told):
+        # The law gave its torque without the noise: it adds nothing to the innovations.
+        noises = [np.zeros(problem.dynamics.n) if noise is None else noise for noise in told]
+        outcome = replace(outcome, fit=replace(outcome.fit, torque_noise=_rms(noises)))
     if problem.repeats_torques:
         outcome = _with_torque_noise(outcome, problem, prediction, solution)
     grouped = _grouped(prediction, solution, k) if any(map(is_long, problem.records)) else None
@@ -378,7 +382,7 @@ def from_inside(
         wider = gauss_newton(prediction, values, fixed, bounds, rounds=0)
     except ValueError:  # with these gains unknowns are not separately identifiable
         return solution
-    return replace(solution, covariance=wider.covariance)
+    return replace(solution, covariance=wider.covariance, undetermined=wider.undetermined)
 
 
 def _with_torque_noise(outcome, problem, prediction, solution):
@@ -387,7 +391,7 @@ def _with_torque_noise(outcome, problem, prediction, solution):
     These are simulated, beside other noise of the same size.
     """
     random = np.random.default_rng(problem.seed)
-    noises = np.array([_torque_noise(record) for record in problem.records])
+    noises = [noise_of_torque(record) for record in problem.objective.records]
     torques = [
         noise * random.normal(size=record.counts.shape)
         for noise, record in zip(noises, problem.records, strict=True)
@@ -398,15 +402,15 @@ def _with_torque_noise(outcome, problem, prediction, solution):
     # A noise that loses the log explains nothing.
     fit = replace(
         outcome.fit,
-        torque_noise=np.sqrt(np.mean(noises**2, axis=0)),
+        torque_noise=_rms(noises),
         noise_innovation=float(rms) if np.isfinite(rms) else 0.0,
     )
     return replace(outcome, fit=fit)
 
 
-def _torque_noise(record):
-    """Noise (n,) of the torque or current that a record repeats [N m]."""
-    return white_noise(measured_torque(record)[record.valid > 0])
+def _rms(noises):
+    """Root mean square (n,) of the noises (n,) of several records."""
+    return np.sqrt(np.mean(np.square(noises), axis=0))
 
 
 def _with_undetermined(outcome, prediction, solution):
@@ -427,9 +431,9 @@ def _with_undetermined(outcome, prediction, solution):
         names.append(
             tuple(name for name, part in zip(outcome.fit.unknown, parts, strict=True) if part)
         )
-    return replace(
-        outcome, fit=replace(outcome.fit, covariance=covariance, undetermined=tuple(names))
-    )
+    # Directions of the state alone turn no unknown; several may turn the same ones.
+    groups = tuple(dict.fromkeys(filter(None, names)))
+    return replace(outcome, fit=replace(outcome.fit, covariance=covariance, undetermined=groups))
 
 
 def _searched(
@@ -445,8 +449,12 @@ def _searched(
     Far from the log, with observer gains at their lower bounds, a fit no longer follows it. The
     inertia of a joint that is little more than its rotor's has a second optimum below zero.
     """
-    # Without memories of laws the innovations are linear enough for free gains from the start.
-    remembered = any(memory is not None and memory.usual.size for memory in problem.memories)
+    # Where the memory of a law is known, or nearly so, the innovations are linear enough for free
+    # gains from the start.
+    remembered = any(
+        memory is not None and memory.usual.size and memory.noise is None
+        for memory in problem.memories
+    )
     staged = gains if remembered else None
     best = by_stages(prediction, start, steps, bounds, staged)
 

@@ -179,6 +179,11 @@ class Problem:
         return all(law is not None and law.replays in ("torque", "current") for law in laws)
 
     @property
+    def each_memory(self) -> list[Memory | None]:
+        """The unknown state of the law of each record, or None."""
+        return list(self.memories or [None] * len(self.records))
+
+    @property
     def elastic(self) -> bool:
         """Whether the gears of any record are elastic."""
         return any(record.rig.drive.elasticity is not None for record in self.records)

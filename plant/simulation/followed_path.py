@@ -258,14 +258,25 @@ def start_of(record: Record, path: Path | Logged) -> Any:
 
 
 def in_motion(record: Record) -> bool:
-    """Whether a controller had been moving the arm before the first sample.
+    """Whether a controller had been moving the arm before the first sample."""
+    return bool((_is_open(record) & (np.abs(record.error_pulses[0]) >= 1)).any())
 
-    Then position and speed at the first sample are known to the accuracy of the counts alone.
+
+def is_start_open(record: Record) -> bool:
+    """Whether position and speed at the first sample are known to the accuracy of counts alone.
+
+    So it is in motion, and without a reference that says where a controller began.
     """
+    reference = record.reference
+    told = reference is not None and not reference.held
+    return in_motion(record) if told else bool(_is_open(record).any())
+
+
+def _is_open(record):
+    """Joints (n,) that move at the start, where nothing but a reference says how fast."""
     if record.law is None or record.law.replays or record.initial is not None:
-        return False
-    apart = np.abs(record.error_pulses[0]) >= 1
-    return bool((apart & (np.abs(record.rig.position_in_pulses(_initial_speed(record))) > 0)).any())
+        return np.zeros(record.n, bool)
+    return np.abs(record.rig.position_in_pulses(_initial_speed(record))) > 0
 
 
 def _initial_speed(record: Record) -> Floats:
