@@ -25,7 +25,7 @@ from identification.equation_error.torque_noise import (
 from plant import Record, Resumed
 from plant.laws.pid import variants
 from plant.parts import Floats, frozen_settings
-from plant.parts.sums import least
+from plant.parts.sums import dot, least
 from plant.simulation.followed_path import path_of, start_of
 from plant.simulation.law_run import run_law
 
@@ -86,7 +86,9 @@ def noise_of_torque(record: Record) -> Floats:
     compared = _compared(record)
     if compared is None:
         return white_noise(measured_torque(record)[record.valid > 0])
-    return independent_noise(*compared, held=_is_held(record))
+    held = _is_held(record)
+    # A mean of two samples has half of their variance.
+    return independent_noise(*compared, held=held) * (np.sqrt(2) if held else 1.0)
 
 
 def _is_held(record):
@@ -141,18 +143,20 @@ def told_by_torque(record: Record) -> tuple[Record, Memory] | None:
     difference = (logged - torque)[rows]
     size = np.sqrt(np.mean(difference**2, axis=0))
     differs = (size > SETTINGS.differs * np.sqrt(np.mean(logged[rows] ** 2, axis=0))).any()
-    if not differs or not is_white(difference, torque[rows]).all():
+    if not differs or not is_white(difference).all():
         return None
-    noise = white_noise(difference, held=True)
+    unit = np.where(size > 0, size, size.max())
+    # Gains that are nearly those of the log leave a difference that noise hides at first sight.
+    by_gains = _by_gains(followed, torque)[:, rows] / unit
+    if any(_evidence(column[None], difference / unit) > 0 for column in by_gains):
+        return None
+    noise = np.sqrt(2) * white_noise(difference, held=True)
     memory, columns = state_directions(followed, run, usual)
-    # A law that began with the log keeps that state, unless the torque refutes it: evidence of its
-    # numbers, where neighbours share half of their noise, as means of two samples.
+    # A law that began with the log keeps that state, unless the torque refutes it.
     state = law.initial_state(record.n)
     beginning = reading(record, Resumed(law=law, state=state))
     fresh = (logged - law_torque(beginning))[rows]
-    unit = np.where(size > 0, size, size.max())
-    gain = ((fresh / unit) ** 2 - (difference / unit) ** 2).sum() / 2
-    if gain < len(columns) * np.log(difference.size):
+    if _evidence(columns[:, rows] / unit, fresh / unit) < 0:
         return beginning, replace(Memory.known(state), noise=noise)
     # The state by least squares of the noise, in its own standard deviations.
     weighted = columns[:, rows] / unit
@@ -161,6 +165,41 @@ def told_by_torque(record: Record) -> tuple[Record, Memory] | None:
     return followed, replace(
         memory, directions=directions, usual=np.ones(len(squares)), noise=noise
     )
+
+
+def _by_gains(record, torque):
+    """Change (k, N, n) of a law's torque (N, n) along a log by its numbers, kind by kind."""
+    law = record.law.law
+    numbers = dict(zip(law.number_names(), law.number_values(), strict=True))
+    columns = []
+    for kind in dict.fromkeys(name.partition("[")[0] for name in numbers):
+        # All joints at once: the gain of a joint acts on its own torque.
+        changed = {
+            name: (1 + SETTINGS.equal) * value
+            for name, value in numbers.items()
+            if name.partition("[")[0] == kind
+        }
+        other = replace(record.law, law=law.filled(changed))
+        columns.append(law_torque(replace(record, law=other)) - torque)
+    return np.array(columns)
+
+
+def _evidence(columns, difference):
+    """Evidence of columns (k, M, n) in a difference (M, n), beside white noise of size 1.
+
+    Positive if they are in it. The difference and its noise are means of two samples each, so that
+    neighbours share half of the noise.
+
+    Source: G. Schwarz, Estimating the dimension of a model, Annals of Statistics 6, 1978.
+    """
+    explained = 0.0
+    for i in range(difference.shape[1]):
+        of_joint = columns[:, :, i]
+        # Columns of one length, so that dependent ones are told by their angle.
+        of_joint = of_joint / np.maximum(np.linalg.norm(of_joint, axis=1), 1e-300)[:, None]
+        left = difference[:, i] - of_joint.T @ least(of_joint.T, difference[:, i])
+        explained += dot(difference[:, i], difference[:, i]) - dot(left, left)
+    return explained / 2 - columns.shape[0] * difference.shape[1] * np.log(difference.size)
 
 
 def likelier_variant(record: Record, apart: Floats) -> tuple[str, Floats] | None:

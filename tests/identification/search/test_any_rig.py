@@ -75,3 +75,20 @@ def test_an_arm_in_motion_has_a_controller_that_was_at_work():
     assert estimate.fit.undetermined == (case.unknown,)
     assert np.abs((estimate.fit.values - case.truth) / estimate.fit.std).max() < 5
     assert estimate.fit.values.sum() == pytest.approx(case.truth.sum(), rel=1e-3)
+
+
+def test_a_log_without_a_path_begins_as_fast_as_its_counts_roughly_show():
+    """A speed by the first counts was 2 of 45 pulses per sample off, and 3 pulses for a second."""
+    case = drawn(34)
+    assert case.record.reference is None
+    estimate = identify(case.dynamics, case.record, unknown=case.unknown, progress=False)
+    assert estimate.doubts == []
+    assert estimate.diagnostics.difference < 0.5
+
+
+def test_errors_of_integration_in_the_values_accuse_no_log():
+    """At 560 counts per sample, single counts felt four times in a sample leave a pulse."""
+    case = drawn(103)
+    assert np.abs(np.diff(case.record.counts, axis=0)).max() > 500
+    estimate = identify(case.dynamics, case.record, unknown=case.unknown, progress=False)
+    assert estimate.doubts == []

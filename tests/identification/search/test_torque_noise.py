@@ -8,20 +8,22 @@ from driven_arm import CHAIN, DYNAMICS, LAW, PATH, RIG, TRUE
 from random_rigs import log_of
 
 from identification import identify
+from identification.equation_error.law_memory import along_log
+from identification.equation_error.stated_law import noise_of_torque, told_by_torque
 from identification.equation_error.torque_noise import independent_noise, white_noise
-from plant import (
-    LoggedCurrent,
-)
+from plant import LoggedCurrent
+from plant.simulation.law_run import run_law
 
 NOISE = 0.03  # of the current [A]: 0.3 % of its range
 
 
-def log(rig=RIG):
-    """Six seconds by another engine, whose current alone is known, with noise."""
+def log(rig=RIG, law=None):
+    """Six seconds by another engine, whose current is known with noise; its law if stated."""
     record = log_of(CHAIN, RIG, None, LAW, PATH, 6.0)
     current = RIG.drive.current(record.torque)
     current = current + np.random.default_rng(1).normal(size=current.shape) * NOISE
-    return dataclasses.replace(record, torque=None, current=current, law=LoggedCurrent(), rig=rig)
+    law = law or LoggedCurrent()
+    return dataclasses.replace(record, torque=None, current=current, law=law, rig=rig)
 
 
 def test_noise_of_the_current_is_named_with_its_size_and_doubts_nothing():
@@ -57,3 +59,46 @@ def test_noise_is_told_from_motion_jumps_and_another_law():
     np.testing.assert_array_equal(wrong, 0)
     right = independent_noise(chattering + noise, chattering, held=False)
     assert right == pytest.approx((0.05, 0.2), rel=0.05)
+
+
+@pytest.mark.parametrize("begin", [0.0, 0.83])
+def test_a_stated_law_gives_its_torque_without_the_noise(begin):
+    """Repeated with its noise, the current left 0.5 pulses, and deviations twenty times as wide."""
+    record = log(law=LAW)
+    record = record.cut(begin) if begin else record
+    estimate = identify(DYNAMICS, record, progress=False)
+    assert estimate.doubts == []
+    assert estimate.fit.undetermined == ()
+    assert estimate.fit.rms_innovation < 0.35
+    noise = RIG.drive.current(estimate.fit.torque_noise)
+    np.testing.assert_allclose(noise, NOISE, rtol=0.1)
+    error = estimate.fit.values - TRUE
+    assert np.abs(error / np.sqrt(np.diag(estimate.fit.noise_covariance))).max() < 4
+    np.testing.assert_allclose(estimate.fit.values, TRUE, rtol=5e-4, atol=1e-3)
+
+
+def test_a_torque_that_is_not_the_laws_tells_no_state():
+    assert told_by_torque(log(law=LAW)) is not None
+    wrong = dataclasses.replace(LAW, speed=1.05 * LAW.speed)
+    assert told_by_torque(log(law=wrong)) is None
+    # A column without noise is as good as the law, and better where the law is wrong.
+    assert told_by_torque(log_of(CHAIN, RIG, None, LAW, PATH, 2.0)) is None
+
+
+def test_a_noisy_torque_tells_the_integral_of_a_law_that_was_at_work():
+    record, begin = log(law=LAW), 830
+    exact = dataclasses.replace(record, current=None)
+    states = run_law(along_log(exact)).states
+    told, memory = told_by_torque(record.cut((begin - 0.5) * RIG.period))
+    difference = told.law.state - states[begin - 1]
+    deviation = np.abs(memory.directions[:, 0])
+    integral = int(np.argmax(deviation))
+    assert memory.noise == pytest.approx(NOISE * RIG.drive.motor_gain * 50, rel=0.1)
+    assert abs(difference[integral]) < 4 * deviation[integral]
+    assert deviation[integral] < 0.01 * np.ptp(states[:, integral])
+
+
+def test_chatter_of_a_stated_law_is_no_noise_of_its_torque():
+    exact = log_of(CHAIN, RIG, None, LAW, PATH, 2.0)
+    assert white_noise(exact.torque).item() > 1e-3 * np.std(exact.torque)
+    assert noise_of_torque(exact).item() < 1e-6 * np.std(exact.torque)

@@ -1,12 +1,15 @@
 """A vertical slide under a controller with an integral: its weight and the integral are one number."""
 
 import dataclasses
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from random_rigs import drawn
 
 from identification import identify
+from identification.search.outcome import Fit, Outcome
+from identification.search.polish import _with_undetermined
 from plant import (
     PID,
     Cascade,
@@ -144,3 +147,19 @@ def test_the_middle_of_a_log_under_a_pid_determines_an_arm():
     assert (estimate.fit.std < 0.05).all()
     assert np.abs((estimate.f - arm.f) / estimate.fit.std).max() < 3
     assert not estimate.warnings
+
+
+def test_unknowns_that_turn_with_several_directions_are_named_once():
+    """Another start of the arm alone turns none of them."""
+    fit = Fit(
+        unknown=("m", "J"),
+        values=np.ones(2),
+        candidates=np.ones((1, 2)),
+        covariance=1e-6 * np.eye(2),
+    )
+    directions = np.array([[1.0, -1, 1, 0], [2.0, -1, 0, 1], [1e-9, 0, 0, 1]])
+    solution = SimpleNamespace(undetermined=directions)
+    prediction = SimpleNamespace(widest=lambda direction: direction)
+    fit = _with_undetermined(Outcome(fit=fit), prediction, solution).fit
+    assert fit.undetermined == (("m", "J"),)
+    np.testing.assert_allclose(fit.covariance, [[5, -3], [-3, 2]], rtol=1e-5)
