@@ -129,8 +129,9 @@ def told_by_torque(record: Record) -> tuple[Record, Memory] | None:
     sensor beside it, which no arm felt. None where the difference is none, or is more than noise.
     """
     law = record.law
-    sampled = law is not None and law.period is not None and law.has_memory(record.n)
-    if not sampled or isinstance(law, Resumed) or not _comparable(record):
+    if law is None or isinstance(law, Resumed) or not _comparable(record):
+        return None
+    if law.period is None or not law.has_memory(record.n):
         return None
     logged = logged_torque(record)
     nearest = _nearest(record, logged)

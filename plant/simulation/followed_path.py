@@ -11,6 +11,7 @@ import os
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from plant.checkup.lost_rows import off_reference
 from plant.laws.law import Law
@@ -272,7 +273,7 @@ def is_start_open(record: Record) -> bool:
     return in_motion(record) if told else bool(_is_open(record).any())
 
 
-def _is_open(record):
+def _is_open(record: Record) -> NDArray[np.bool_]:
     """Joints (n,) that move at the start, where nothing but a reference says how fast."""
     if record.law is None or record.law.replays or record.initial is not None:
         return np.zeros(record.n, bool)
