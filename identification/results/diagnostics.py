@@ -33,7 +33,6 @@ from identification.search.outcome import Fit, Outcome
 from identification.search.predictive import (
     ROUGH,
     Predicted,
-    apart_by_steps,
     doubtful,
     in_open_loop,
     predicted,
@@ -179,15 +178,6 @@ class Diagnostics(Shown, Frozen):
             ]
             fine_costs = [_cost(fit, objective) for objective in again]
             fine = _runs(replace(problem, options=finer), fit, again, fine_costs)
-            # An error of integration is in the values as well, of which the finer steps know
-            # nothing: it adds to what may remain.
-            fine = [
-                run._replace(
-                    limit=run.limit
-                    + apart_by_steps(problem, fit, objective.records, FINE.fine_steps)
-                )
-                for run, objective in zip(fine, objectives, strict=True)
-            ]
             doubted = _doubted(fine, again)
             runs = runs if doubted else fine
         if doubted and problem.method not in ROUGH:

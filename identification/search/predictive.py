@@ -172,30 +172,11 @@ def _shifted(run, random):
     return dataclasses.replace(run, initial=start)
 
 
-def apart_by_steps(problem: Problem, fit: Fit, records: Sequence[Record], steps: int) -> float:
-    """Difference between runs of the fitted values in the problem's steps and in finer ones.
-
-    [pulses, rms]. Infinite where one diverges.
-    """
-    try:
-        apart = [
-            _run(problem, fit.values, record).error_pulses
-            - _run(problem, fit.values, record, steps).error_pulses
-            for record in records
-        ]
-    except ValueError:
-        return np.inf
-    return float(np.sqrt(np.mean(np.concatenate(apart) ** 2)))
-
-
-def _run(problem, values, record, steps=None):
+def _run(problem, values, record):
     """A record simulated with these values (k,) of the unknowns, from its own state of the law."""
     named = dict(zip(problem.unknown, values, strict=True))
     law = None if record.law is None else record.law.filled(named, "law.")
-    options = {} if steps is None else {"steps_per_sample": steps}
-    return replay(
-        problem.parts(values)[0], record, rig=record.rig.filled(named), law=law, **options
-    )
+    return replay(problem.parts(values)[0], record, rig=record.rig.filled(named), law=law)
 
 
 def _alike(hz, run):

@@ -84,11 +84,3 @@ def test_a_log_without_a_path_begins_as_fast_as_its_counts_roughly_show():
     estimate = identify(case.dynamics, case.record, unknown=case.unknown, progress=False)
     assert estimate.doubts == []
     assert estimate.diagnostics.difference < 0.5
-
-
-def test_errors_of_integration_in_the_values_accuse_no_log():
-    """At 560 counts per sample, single counts felt four times in a sample leave a pulse."""
-    case = drawn(103)
-    assert np.abs(np.diff(case.record.counts, axis=0)).max() > 500
-    estimate = identify(case.dynamics, case.record, unknown=case.unknown, progress=False)
-    assert estimate.doubts == []
