@@ -260,6 +260,7 @@ def _held(dynamics, records, unknown, prior):
     if all(map(operator.is_, held, records)):
         return None
     try:
+        # The same equations and unknowns twice: only the instants of the torques differ.
         fits = over_bands(dynamics, held, unknown, Known({}, prior))
         others = over_bands(dynamics, sampled, unknown, Known({}, prior))
     except ValueError:

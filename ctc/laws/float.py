@@ -129,6 +129,7 @@ class Float(ModelLaw):
         knowledge = self.arm if isinstance(self.arm, Identification) else None
         super().__post_init__()
         signs(self, positive=("leak", "speed"))
+        # Left out, it follows from what is known of friction and gravity, below.
         if self.assist is not None:
             signs(self, not_negative=("assist",))
         friction, gravity, relative = self._uncertainty(knowledge)

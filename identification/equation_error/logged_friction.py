@@ -300,7 +300,6 @@ def friction_of(
     joints = [
         j for j in range(dynamics.n) if f"drive.coulomb[{j}]" in fit.names and fit.sigma[j] > 0
     ]
-
     if not joints:
         return ()
     drive = rig.drive

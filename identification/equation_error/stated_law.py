@@ -118,6 +118,7 @@ def _compared(record):
 
 def _settled(record):
     """Rows before which the filters of the law have read no bridged count for a while."""
+    # A filter of a law has forgotten a bridged count after so many samples.
     lost = np.cumsum(record.valid == 0)
     return FADED + np.flatnonzero(lost[FADED:] == lost[:-FADED])
 
@@ -131,11 +132,13 @@ def told_by_torque(record: Record) -> tuple[Record, Memory] | None:
     law = record.law
     if law is None or isinstance(law, Resumed) or not _comparable(record):
         return None
+    # Only what a law remembers is open; without a memory the counts give its torque.
     if law.period is None or not law.has_memory(record.n):
         return None
     logged = logged_torque(record)
     nearest = _nearest(record, logged)
     rows = _settled(record)
+    # From fewer rows the size of the noise would be a guess.
     if nearest is None or len(rows) < len(record) / 2:
         return None
     followed, usual = nearest
@@ -144,6 +147,7 @@ def told_by_torque(record: Record) -> tuple[Record, Memory] | None:
     difference = (logged - torque)[rows]
     size = np.sqrt(np.mean(difference**2, axis=0))
     differs = (size > SETTINGS.differs * np.sqrt(np.mean(logged[rows] ** 2, axis=0))).any()
+    # A smaller difference is rounding of the column, and one that lasts is another law.
     if not differs or not is_white(difference).all():
         return None
     unit = np.where(size > 0, size, size.max())
@@ -172,6 +176,7 @@ def _by_gains(record, torque):
     """Change (k, N, n) of a law's torque (N, n) along a log by its numbers, kind by kind."""
     law = record.law.law
     numbers = dict(zip(law.number_names(), law.number_values(), strict=True))
+    # Kinds, not joints: a wrong unit or a misread data sheet concerns all joints alike.
     columns = []
     for kind in dict.fromkeys(name.partition("[")[0] for name in numbers):
         # All joints at once: the gain of a joint acts on its own torque.
@@ -193,6 +198,7 @@ def _evidence(columns, difference):
 
     Source: G. Schwarz, Estimating the dimension of a model, Annals of Statistics 6, 1978.
     """
+    # Joints are independent readings of one hypothesis.
     explained = 0.0
     for i in range(difference.shape[1]):
         of_joint = columns[:, :, i]
@@ -211,6 +217,7 @@ def likelier_variant(record: Record, apart: Floats) -> tuple[str, Floats] | None
     law = record.law
     if law is None or not apart.max() > SETTINGS.differs:
         return None
+    # A state belongs to the record; variants are those of the law inside.
     inner = law.law if isinstance(law, Resumed) else law
     nearest = None
     for text, variant in variants(inner).items():

@@ -82,6 +82,7 @@ class TorqueError(Shown, Frozen):
     @property
     def table(self) -> Table:
         """A row per joint."""
+        # Where joints turn and slide, each size has its unit.
         sizes = with_units([f"{rms:.3g}" for rms in self.rms], self.units)
         rows = [
             (joint, f"{relative:.2%}", size)
@@ -176,6 +177,7 @@ def error_of_logs(
     least_speed: ArrayLike = 0.0,
 ) -> TorqueError:
     """The same of logs."""
+    # All logs are compared in one band, which the slowest of them must carry.
     most = min(BAND_MOST / log.rig.period for log in logs)
     band = min(BAND, most) if band is None else real("band", band, "Give Hz.", positive=True)
     if band > most:
@@ -189,6 +191,7 @@ def error_of_logs(
         advice="Give one speed, or one per joint [rad/s].",
     )
     compared_logs = (_of_log(arm, rig, log, band, further or {}, slowest) for log in logs)
+    # Logs count by their rows.
     measured, error = zip(*compared_logs, strict=True)
     length, residual = np.concatenate(measured), np.concatenate(error)
     # Joints whose torque was measured in some log; rows of a log without it are NaN.
@@ -215,8 +218,10 @@ def _of_log(
 ) -> tuple[Floats, Floats]:
     """Measured torque and error (N', n) in a band; NaN of a joint that does not count."""
     dynamics = arm.dynamics
+    # The low-pass before differentiation is wider than the band, so that it shapes nothing in it.
     motion = derivatives(log.q, log.rig.period, CUTOFF * band)
     columns, known = regressor_along(dynamics, rig, dynamics.names, motion, loading=arm.f)
+    # Bodies and friction are linear in f; springs and friction under load are known.
     predicted = (columns * arm.f).sum(axis=2) + known
     for column, value in further.values():
         predicted = predicted + value * np.asarray(column(*motion))
@@ -231,6 +236,7 @@ def _of_log(
         log.valid,
     )
     used = system.used & ~missing
+    # A row counts if it tells of any joint.
     rows = used.any(axis=1)
     if not rows.any():
         raise ValueError(

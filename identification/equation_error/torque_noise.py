@@ -70,4 +70,5 @@ def is_white(difference: Floats) -> Bools:
     squares = np.einsum("ij,ij->j", difference, difference)
     steps = np.diff(difference, axis=0)
     changing = np.einsum("ij,ij->j", steps, steps)
+    # The sampling deviation of a correlation falls with the root of the number of rows.
     return changing >= squares * (1 - SETTINGS.certain * np.sqrt(2 / len(difference)))

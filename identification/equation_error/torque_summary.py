@@ -56,6 +56,7 @@ def summary_of(fit: Any) -> Iterator[Piece]:
     yield Verdict(summary, not fit.warnings)
     yield Warned(fit.warnings)
     names = short_names(fit.dynamics, fit.names)
+    # Friction brakes: an interval that holds zero leaves it open whether there is any.
     remarks = np.where(_zero(fit), ", zero within it", "").tolist()
     rows = [
         (name, f"{value:.5g}", f"+- {std:.2g}{remark}")
@@ -66,8 +67,10 @@ def summary_of(fit: Any) -> Iterator[Piece]:
     yield Table((), rows, words=(2,))
     yield from (f"left out: {joint}, {why}" for joint, why in fit.left_out.items())
     yield from _choices(fit)
+    # It has no number of its own among the values: it changes their law.
     if fit.rising is not None:
         yield f"Coulomb friction is {fit.rising}"
+    # A prior moves what the logs hardly show, so a reader must know that there is one.
     better, errors = fit.bodies
     if fit.prior is not None:
         gained = f": blocks kept aside {better:+.0%} better ({errors:.1f} standard errors)"
@@ -99,6 +102,7 @@ def _choices(fit: Any) -> Iterator[Piece]:
         )
         yield _trials(fit.bands)
     if fit.least_speeds and fit.least_speed is not None:
+        # A slide has m/s where a joint that turns has rad/s.
         units = [unit.speed for unit in fit.dynamics.chain.joint_units]
         speeds = listed([f"{speed:.3g}" for speed in fit.least_speed], units)
         yield f"least speeds {speeds}, chosen in the same way, compared at higher speeds:"
@@ -126,11 +130,13 @@ def warnings_of(fit: Any) -> list[str]:
         lines.append(
             f"friction must not be negative; check signs and units ({', '.join(negative)})"
         )
+    # No arm leaves so much: columns, units or signs do.
     if fit.relative_error > SETTINGS.poor:
         lines.append(
             f"{fit.relative_error:.0%} of the torque is not explained; check units (rad, joint"
             " side N m), signs and the order of the joints"
         )
+    # The best kind alone: the others are judged beside it by the next fit.
     lines += [trial.advice for trial in fit.friction[:1] if trial.clear]
 
     # 2. Logs that differ in numbers of the arm, which are the same in all of them.
@@ -152,4 +158,5 @@ def warnings_of(fit: Any) -> list[str]:
                 f"{label} is stated as {value:.4g}, but these torques ask for {estimate:.4g} +-"
                 f" {std:.2g}: check it, its unit and its sign"
             )
+    # Later ones may be effects of these.
     return lines[: SETTINGS.lines]

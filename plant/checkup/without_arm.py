@@ -272,6 +272,7 @@ def _statements() -> Iterator[Hypothesis[Any]]:
         evidence=radian_evidence,
         against=8.0,
     )
+    # Data sheets state lines, drivers count their edges.
     for scope in (each_joint, several):
         yield Hypothesis(
             name="lines of the encoder",

@@ -19,6 +19,7 @@ class _OfMotors(StatelessLaw):
     @property
     def interpolates(self) -> bool:
         """A faster loop changes its torque between two rows."""
+        # Where nothing is stated, a simulation holds: nobody can ask the log.
         return self.held is False
 
 

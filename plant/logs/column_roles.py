@@ -198,8 +198,8 @@ def role_of(name: str, values: Floats, unit: str | None) -> Role:
     """The likely role of a column (N,) or block (N, k), whose unit the file may state."""
     words = _words(name)
     # The letter of a joint is no quantity: `ang_i`, `soll_c`.
-    *front, last = words or [""]
-    lettered = len(last) == 1 and bool(front) and front[-1] in _BEFORE_LETTERS
+    front = words[:-1]
+    lettered = bool(front) and len(words[-1]) == 1 and front[-1] in _BEFORE_LETTERS
     words = front if lettered else words
     quantities = {_WORDS[word] for word in words if word in _WORDS}
     # LeRobot data sets name positions so, and goals `action`.

@@ -176,6 +176,7 @@ def heading(title: str, units: Sequence[str]) -> str:
 
 def with_units(cells: Iterable[str], units: Sequence[str]) -> list[str]:
     """The cells of all joints, each with its unit where these differ."""
+    # The heading has the unit that all share.
     if len(set(units)) == 1:
         return list(cells)
     return [f"{cell} {unit}" for cell, unit in zip(cells, units, strict=True)]
@@ -191,6 +192,7 @@ def largest(values: Sequence[float] | Floats, units: Sequence[str]) -> list[int]
     """Joints with the largest of the values in each unit: N and N m do not compare."""
     joints = range(len(units))
     return [
+        # The first of equal ones, so that a table does not change from run to run.
         max((j for j in joints if units[j] == unit), key=lambda j: values[j])
         for unit in dict.fromkeys(units)
     ]
