@@ -73,8 +73,10 @@ def summary_of(fit: Any) -> Iterator[Piece]:
     # A prior moves what the logs hardly show, so a reader must know that there is one.
     better, errors = fit.bodies
     if fit.prior is not None:
+        # A stated prior was not compared.
+        compared = np.isfinite(better)
         gained = f": blocks kept aside {better:+.0%} better ({errors:.1f} standard errors)"
-        yield f"f has a prior of spread {fit.prior.spread:g}{gained * np.isfinite(better)}"
+        yield f"f has a prior of spread {fit.prior.spread:g}{gained if compared else ''}"
     # A clear one is a warning already.
     if fit.friction and not fit.friction[0].clear:
         yield f"of other friction, the nearest to help is {fit.friction[0]}"

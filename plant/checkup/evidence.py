@@ -59,9 +59,15 @@ def inverse_slopes(experiment: Experiment, joints: Joints) -> tuple[float, ...]:
 def torque_ratios(experiment: Experiment, joints: Joints) -> tuple[float, ...]:
     """Logged over commanded torque: of a joint, or the median of all."""
     law = experiment.record.law
-    # The unknown memory of a law makes its steps another size.
+    if law is not None and law.has_memory(experiment.n):
+        # A memory is unknown, but hardly changes the steps from sample to sample.
+        steps = experiment.torques_of_law
+        if steps is None:
+            return ()
+        ratio = _ratios(steps[1], steps[0])
+        return _positive(np.median(ratio[list(joints) or slice(None)]))
     commanded, logged = experiment.commanded, experiment.signals.torque
-    if commanded is None or logged is None or law is None or law.has_memory(experiment.n):
+    if commanded is None or logged is None:
         return ()
     drive = experiment.record.rig.drive
     limit = drive.motor_gain * drive.current_limit

@@ -323,3 +323,9 @@ def test_an_f_that_is_not_among_the_unknowns_is_named():
     rows = np.zeros((100, 2))
     with pytest.raises(ValueError, match=f"{dynamics.names[3]} is missing"):
         fit_torque(dynamics, rows, rows, rig=puma560.rig(), unknown=names)
+
+
+def test_a_fit_with_a_prior_says_so():
+    record = simulate(puma560.arm(), puma560.rig(), puma560.p_law(), puma560.reference())
+    fit = fit_torque(puma560.dynamics(), record, prior=(puma560.arm().f, 0.3))
+    assert "f has a prior of spread 0.3" in str(fit)

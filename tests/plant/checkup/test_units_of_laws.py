@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from identification import identify
-from plant import P, puma560, simulate
+from plant import PID, P, puma560, simulate
 
 RIG = puma560.rig()
 GAIN = RIG.drive.motor_gain
@@ -32,6 +32,24 @@ def test_gains_in_amperes_are_named_by_the_logged_torque(record):
     assert causes(amperes)[0] == "gains in A"
     np.testing.assert_allclose(amperes.check().corrected.law.gain, law.gain)
     assert causes(dataclasses.replace(record, law=P(gain=law.gain * 10)))[0] == "gain"
+
+
+@pytest.mark.parametrize("factor", [2.0, 1 / 3])
+def test_gains_of_a_law_with_memory_are_named_by_steps_of_the_logged_torque(factor):
+    """Whatever an integral holds, the step of a torque is that of the error times the gain."""
+    gain = 0.5 * puma560.p_law().gain
+    law = PID(gain=gain, integral=5 * gain, derivative=4e-3 * gain, filter=2e3, period=RIG.period)
+    log = simulate(puma560.arm(), RIG, law, puma560.reference(), duration=2.0)
+    assert not causes(log)
+    gains = ("gain", "integral", "derivative")
+    scaled = {name: factor * getattr(law, name) for name in gains}
+    (cause,) = dataclasses.replace(log, law=dataclasses.replace(law, **scaled)).check().causes
+    assert cause.name == "gain"
+    assert cause.runner_up.name == "torque scale"
+    assert cause.size == pytest.approx(factor, rel=0.05)
+    # Of one wrong gain the size is a mean over all of them.
+    wrong = dataclasses.replace(log, law=dataclasses.replace(law, gain=factor * gain))
+    assert causes(wrong)[0] in ("gain", "torque scale")
 
 
 def test_they_are_named_by_friction_where_no_torque_is_logged(record):
