@@ -242,8 +242,8 @@ def _units_of_one() -> Iterator[Hypothesis[Any]]:
             )
 
 
-def _statements() -> Iterator[Hypothesis[Any]]:
-    """Yield the rows: units of counts and times, the rounding, and gains in other units."""
+def _resolutions() -> Iterator[Hypothesis[Any]]:
+    """Yield the rows: what a count is."""
     yield Hypothesis(
         name="scaled counts",
         check="units of counts",
@@ -286,6 +286,10 @@ def _statements() -> Iterator[Hypothesis[Any]]:
             # Four sizes share the odds.
             against=6.5,
         )
+
+
+def _statements() -> Iterator[Hypothesis[Any]]:
+    """Yield the rows: times, the rounding, the rate of the error, and gains in other units."""
     yield Hypothesis(
         name="unit of time",
         check="period",
@@ -480,6 +484,7 @@ TABLE: tuple[Hypothesis[Any], ...] = (
     *_turns(),
     *_units(),
     *_units_of_one(),
+    *_resolutions(),
     *_statements(),
     *_gain_units(),
     *_sizes(),

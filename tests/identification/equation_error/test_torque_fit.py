@@ -12,7 +12,7 @@ from identification import fit_torque
 from identification.equation_error.filters import derivatives, low_pass
 from identification.equation_error.least_squares import least_squares
 from identification.equation_error.regressor import Filtering, Places, System, regressor_and_torque
-from plant import FrictionCurve, puma560
+from plant import FrictionCurve, puma560, simulate
 
 FRICTION = ("drive.viscous[0]", "drive.coulomb[1]", "drive.coulomb[2]", "drive.curve.offset[2]")
 
