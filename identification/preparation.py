@@ -206,22 +206,7 @@ def prepare(
     )
 
     # 3. Combinations that no method can identify.
-    if zeros and not all(problem.replays):
-        raise ValueError(
-            "zeros can be found only of logs that replay their torque; got a controller. Leave it"
-            " out."
-        )
-    gears = [name for name in problem.unknown if name.startswith("drive.elasticity")]
-    if gears and method == "equation_error":
-        raise ValueError(
-            f"{gears[0]} can be found by prediction error, the default; got method={method!r}."
-            " Use it."
-        )
-    if zeros and method not in ("seeded", "prediction_error", "output_error"):
-        raise ValueError(
-            f"zeros must be found by prediction or output error; got method={method!r}. Use the"
-            " default."
-        )
+    _require_possible(problem)
     # Not an error: a prior, or unknowns of the rig alone, may need no more.
     if joints := unexcited(dynamics, followed):
         warn(
@@ -229,6 +214,26 @@ def prepare(
             f" {advice(dynamics, followed, of_f)}"
         )
     return problem
+
+
+def _require_possible(problem):
+    """Refuse zeros and gears where the method, or the log, cannot find them."""
+    if problem.zeros and not all(problem.replays):
+        raise ValueError(
+            "zeros can be found only of logs that replay their torque; got a controller. Leave it"
+            " out."
+        )
+    gears = [name for name in problem.unknown if name.startswith("drive.elasticity")]
+    if gears and problem.method == "equation_error":
+        raise ValueError(
+            f"{gears[0]} can be found by prediction error, the default; got method={problem.method!r}."
+            " Use it."
+        )
+    if problem.zeros and problem.method not in ("seeded", "prediction_error", "output_error"):
+        raise ValueError(
+            f"zeros must be found by prediction or output error; got method={problem.method!r}. Use the"
+            " default."
+        )
 
 
 def _prior(dynamics, records, prior):
