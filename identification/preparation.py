@@ -226,13 +226,13 @@ def _require_possible(problem):
     gears = [name for name in problem.unknown if name.startswith("drive.elasticity")]
     if gears and problem.method == "equation_error":
         raise ValueError(
-            f"{gears[0]} can be found by prediction error, the default; got method={problem.method!r}."
-            " Use it."
+            f"{gears[0]} can be found by prediction error, the default; got"
+            f" method={problem.method!r}. Use it."
         )
     if problem.zeros and problem.method not in ("seeded", "prediction_error", "output_error"):
         raise ValueError(
-            f"zeros must be found by prediction or output error; got method={problem.method!r}. Use the"
-            " default."
+            "zeros must be found by prediction or output error; got"
+            f" method={problem.method!r}. Use the default."
         )
 
 

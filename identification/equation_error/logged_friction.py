@@ -302,8 +302,7 @@ def friction_of(
     ]
     if not joints:
         return ()
-    drive = rig.drive
-    curve = drive.curve or FrictionCurve(offset=0 * usual)
+    curve = rig.drive.curve or FrictionCurve(offset=0 * usual)
     columns = [*task.systems(selection, thin=True)[1]]
     # The weights of the fit itself, so that a gain is measured in its residual.
     weights = np.tile(1 / fit.sigma, (len(task.logs), 1))
@@ -320,7 +319,7 @@ def friction_of(
             if kind == LOAD_DEPENDENT:
                 # The load is the torque of the links by the fit itself.
                 regressor, _ = regressor_along(dynamics, rig, dynamics.names, motion)
-                load = (regressor * fit.f).sum(axis=2) - drive.rotor_torque(motion.qdd)
+                load = (regressor * fit.f).sum(axis=2) - rig.drive.rotor_torque(motion.qdd)
                 return np.abs(coupling.shaft_torque(load)) * np.sign(qd)
             if kind == STRIBECK:
                 stribeck = FrictionCurve(offset=0 * usual, breakaway=1 + 0 * usual, speed=speed)
@@ -362,7 +361,7 @@ def friction_of(
     kinds = list[tuple[str, tuple[float, ...] | None]]()
     if asymmetric:
         kinds.append((ASYMMETRIC, None))
-    if drive.load_friction is None:
+    if rig.drive.load_friction is None:
         kinds.append((LOAD_DEPENDENT, None))
     for kind, shares, possible in (
         (STRIBECK, FRICTION.speeds, curve.breakaway is None),
