@@ -127,8 +127,8 @@ def test_a_torque_that_holds_is_begun_with():
 
 
 @pytest.mark.parametrize(("options", "said"), [
-    ({"torque": (999.0, 0.0)}, r"torque must be within the amplifier's \[294.9408 153.3672\] N m; got \[999.   0.\]"),
-    ({"torque": (20.0, 0.0), "torque_limit": (15.0, 9.0)}, r"within the amplifier's \[15.  9.\] N m; got \[20.  0.\]"),
+    ({"torque": (999.0, 0.0)}, r"torque must be within the amplifier's \[294.9408 153.3672\]; got \[999.   0.\]"),
+    ({"torque": (20.0, 0.0), "torque_limit": (15.0, 9.0)}, r"within the amplifier's \[15.  9.\]; got \[20.  0.\]"),
     ({"friction": 2 * STATED}, "friction must be within 40% of the rig's"),
     ({"friction": -STATED}, "friction must be within 40% of the rig's"),
     ({"friction": STATED[0]}, r"friction must have shape \(2, 2\)"),

@@ -78,6 +78,7 @@ def test_columns_stay_apart_however_many_the_joints():
     class Many:
         joint_labels = tuple(f"joint {i + 1} (q[{i}])" for i in range(8))
         within = one.within
+        arm = one.arm
         record = one.record
         share_within = one.share_within
         max_error_pulses = np.abs(wide["error_pulses"]).max(axis=0)
