@@ -268,11 +268,11 @@ def _held(dynamics, records, unknown, prior):
         # The same equations and unknowns twice: only the instants of the torques differ.
         fits = over_bands(dynamics, held, unknown, Known({}, prior))
         others = over_bands(dynamics, sampled, unknown, Known({}, prior))
+        # Half a sample is a larger share of a period in a wider band.
+        band = max(fits.keys() & others.keys())
     except ValueError:
-        # Torques that give no fit do not say how they change; the methods say why.
+        # Torques without a fit in one band do not say how they change; the methods say why.
         return None
-    # Half a sample is the more of a period, the faster the motion is: the widest band knows best.
-    band = max(fits.keys() & others.keys())
     return fits[band].relative_error <= others[band].relative_error
 
 
