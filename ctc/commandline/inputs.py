@@ -3,6 +3,7 @@
 import dataclasses
 import math
 import os
+from argparse import Namespace
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -227,3 +228,16 @@ def new_place(path: str, force: bool, inputs: Sequence[str] = ()) -> Path:
             " another."
         )
     return place
+
+
+def output_place(options: Namespace) -> Any:
+    """Path of the output file, never a file that the command reads; None to print alone."""
+    if options.output is None:
+        return None
+    # Any file that this command reads, whatever its option is called.
+    inputs: list[str] = []
+    for name in ("logs", "held_out", "robot", "found", "certificate", "path"):
+        value = vars(options).get(name)
+        if value is not None:
+            inputs += value if isinstance(value, list) else [value]
+    return new_place(options.output, options.force, inputs)

@@ -6,22 +6,18 @@ sample, and the plant is the sampled one; under fast hardware it is the continuo
 half the sampling rate. The feedback makes both Y and U noisy, so both are means over the periods of
 an excitation that repeats exactly.
 
-Less the inertia and the friction of the motor, the response from torque to angle is that of link
-and gear in series: the links' inverse inertia over (i omega)^2, a term of gravity of higher order,
-and on the diagonal the gear's compliance 1 / (k + i omega c). Its real part is linear in inverse
-inertia and compliance, its imaginary part in the damping: these give the gears' resonances.
-
 Source: R. Pintelon, J. Schoukens, System Identification: A Frequency Domain Approach, 2nd ed.
 (2012), ch. 2 and 7.
 """
 
 from collections.abc import Iterator, Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from identification.equation_error.torque_logs import measured_torque
+from identification.planning.gear_resonances import Resonances, resonances
 from plant import Drive, Record
 from plant.parts import (
     Floats,
@@ -51,131 +47,8 @@ _ABOVE = 10.0
 # strongest line. Chosen by hand.
 _FAINT = 1e-3
 
-# Share of the sampling rate up to which a held torque equals its mean, delayed by half a sample, to
-# 1 %.
-_HELD = 0.2
-
-# Standard deviations that a compliance must reach to count: rounding, which repeats from period to
-# period, makes rigid gears appear compliant by up to 5.
-_FIRM = 8
-
 # Title of the response of an arm; a rig does not tell which joints slide.
 _PLANT = "angle / torque [rad/(N m), of slides m/N]"
-
-
-class Resonances(NamedTuple):
-    """Lowest resonance [Hz] (n,) and damping ratio (n,) of each joint, all else locked.
-
-    Its motor and all other joints are held, as for `Elasticity.from_resonance`; ``_std`` are
-    standard deviations. A gear whose compliance does not exceed the noise counts as rigid: inf, and
-    nan for the rest.
-    """
-
-    hz: Floats
-    hz_std: Floats
-    damping_ratio: Floats
-    damping_ratio_std: Floats
-
-
-def resonances(
-    frequency: Floats, plant: NDArray[np.complex128], std: Floats, held: float, drive: Drive
-) -> Resonances:
-    """Resonances from the plant (n, n, F) and its standard deviation.
-
-    `frequency` (F,) [Hz]. `held`: time for which a torque is held [s].
-
-    Raises
-    ------
-    ValueError
-        A drive with a coupling, whose motors do not belong to one joint each.
-    """
-    if drive.coupling.matrix:
-        raise ValueError(
-            "drive must have one motor per joint; got a coupling. Fit gears by identify(...) there."
-        )
-    # 1. The continuous plant G (F, n, n), in the band where the held torque is a delay: sinc(x) is
-    # the magnitude of the hold, half a sample its delay.
-    band = frequency * (held or 1e-9) < _HELD
-    omega = 2 * np.pi * frequency[band]
-    n = drive.n
-    hold = np.exp(0.5j * omega * held) / np.sinc(omega * held / 2 / np.pi)
-    G = np.moveaxis(plant[:, :, band] * hold, -1, 0)
-
-    # 2. Remove inertia and friction of the motors: the torque that they take does not reach the
-    # gears. Errors of G act through the derivative of that.
-    motor = (
-        -drive.reflected_inertia() * omega[:, None] ** 2
-        + 1j * drive.joint_viscous() * omega[:, None]
-    )
-    from_angle = np.linalg.inv(np.eye(n) - G * motor[:, None])
-    from_torque = np.linalg.inv(np.eye(n) - motor[:, :, None] * G)
-    series = from_angle @ G
-    errors = np.moveaxis(std[:, :, band] ** 2, -1, 0)
-    variance = np.abs(from_angle) ** 2 @ errors @ np.abs(from_torque) ** 2
-
-    # 3. Real parts: inverse inertia and gravity, and on the diagonal the compliance.
-    powers = np.column_stack([-(omega**-2), omega**-4, omega**0])
-    inverse_inertia = np.empty((n, n))
-    inertia_variance = np.empty((n, n))
-    gears = []
-    for i in range(n):
-        for j in range(n):
-            columns = powers if i == j else powers[:, :2]
-            fit = _fitted(columns, series[:, i, j].real, variance[:, i, j])
-            inverse_inertia[i, j] = fit.values[0]
-            inertia_variance[i, j] = fit.covariance[0, 0]
-            if i == j:
-                gears.append(fit)
-    inertia = np.linalg.inv(inverse_inertia)
-
-    # 4. Resonance and damping of each gear that is not rigid.
-    result = Resonances(*np.full((4, n), np.nan))
-    for i, gear in enumerate(gears):
-        compliance = gear.values[2]
-        if not compliance > _FIRM * np.sqrt(gear.covariance[2, 2]):
-            result.hz[i] = np.inf
-            continue
-        hz = 1 / np.sqrt(compliance * inertia[i, i]) / 2 / np.pi
-        # Derivatives of log(hz^2) by each inverse inertia; the fit of the gear's own correlates
-        # with that of its compliance.
-        slopes = np.outer(inertia[i], inertia[:, i]) / inertia[i, i]
-        spread = sum(
-            slopes[p, q] ** 2 * inertia_variance[p, q]
-            for p in range(n)
-            for q in range(n)
-            if (p, q) != (i, i)
-        )
-        slope = np.array([slopes[i, i], 0, -1 / compliance])
-        damping = _fitted(-omega[:, None], series[:, i, i].imag, variance[:, i, i])
-        lag = np.array([damping.values[0], np.sqrt(damping.covariance[0, 0])])
-        result.hz[i] = hz
-        result.hz_std[i] = hz / 2 * np.sqrt(spread + slope @ gear.covariance @ slope)
-        result.damping_ratio[i], result.damping_ratio_std[i] = np.pi * hz / compliance * lag
-    return result
-
-
-class _Coefficients(NamedTuple):
-    """Coefficients (k,) of a fit, and their covariance (k, k)."""
-
-    values: Floats
-    covariance: Floats
-
-
-def _fitted(columns: Floats, values: Floats, variance: Floats) -> _Coefficients:
-    """Least squares of the real or imaginary part of complex values with this variance (F,).
-
-    A residual that exceeds the variance widens the covariance.
-    """
-    # Each part has half of the variance of a complex number.
-    weight = np.sqrt(2 / variance)
-    rows = columns * weight[:, None]
-    # Columns of unit length: powers of omega differ by many decades.
-    size = np.linalg.norm(rows, axis=0)
-    inverse = np.linalg.pinv(rows / size) / size[:, None]
-    solved = inverse @ (values * weight)
-    residual = values * weight - rows @ solved
-    freedom = max(len(values) - columns.shape[1], 1)
-    return _Coefficients(solved, inverse @ inverse.T * max(1.0, residual @ residual / freedom))
 
 
 @frozen

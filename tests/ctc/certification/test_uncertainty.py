@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from ctc import Uncertainty
-from ctc.commandline.commands import _uncertainty
+from ctc.commandline.controller_commands import _uncertainty
 from ctc.commandline.main import _parser
 from plant import Part, read_robot, write_robot
 
