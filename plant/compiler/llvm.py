@@ -1,14 +1,16 @@
 """The operations of kernels as LLVM instructions.
 
-A generated kernel is a numba function whose loops are Python and whose bodies are intrinsics:
-Python that runs while numba compiles and emits one instruction per line through this class. numba
-itself never sees the lines, which makes compiling ten times faster, and nothing is left to chance:
-what is fused, what is a minimum, what a NaN does is said here. No operation branches and only those
-of the mathematical library call, so that a loop over individuals becomes vector instructions.
+A generated kernel is a numba function that calls one intrinsic: Python that runs while numba
+compiles and emits one instruction per line through this class. numba itself never sees the lines,
+nor the loops around them, which makes compiling more than ten times faster, and nothing is left to
+chance: what is fused, what is a minimum, what a NaN does is said here. No operation branches and
+only those of the mathematical library call, so that a loop over individuals becomes vector
+instructions.
 
 The text of this module stands at the head of every generated file, and so in its hash.
 """
 
+import contextlib
 import math
 from functools import partialmethod
 
@@ -91,8 +93,11 @@ class Values:
 
     def view(self, kind, array, stride, offset):
         """Elements ``[r]`` = array[r stride + offset] of a contiguous numba array of this type."""
-        data = self.context.make_array(kind)(self.context, self.builder, array).data
-        return View(self, data, stride, offset)
+        return View(self, self.elements(kind, array), stride, offset)
+
+    def elements(self, kind, array):
+        """Where the first element of a contiguous numba array of this type stands."""
+        return self.context.make_array(kind)(self.context, self.builder, array).data
 
     def index(self, row, columns):
         """Where a row of an array with so many columns begins."""
@@ -102,17 +107,51 @@ class Values:
         """A tuple of numbers for numba."""
         return cgutils.pack_array(self.builder, [self.value(x) for x in values])
 
-    def unpack(self, values):
-        """The values of such a tuple, each for every individual."""
-        values = cgutils.unpack_tuple(self.builder, values)
+    def shared(self, *values):
+        """Numbers that all individuals share, each for every one of them."""
         return values if self.width == 1 else [self._splat(x) for x in values]
 
     def _splat(self, x):
+        if isinstance(x, (int, float)):
+            return x
         first = self.builder.insert_element(ir.Constant(self.double, ir.Undefined), x, INDEX(0))
         everywhere = ir.Constant(ir.VectorType(INDEX, self.width), [0] * self.width)
         return self.builder.shuffle_vector(
             first, ir.Constant(self.double, ir.Undefined), everywhere
         )
+
+    # -- loops ------------------------------------------------------------------------------------
+    @contextlib.contextmanager
+    def individuals(self, count):
+        """Emit what follows for all of `count` individuals; yields the number of the first one."""
+        if count == self.width:
+            yield LONG(0)
+            return
+        numbers = LONG(0), LONG(count), LONG(self.width)
+        with cgutils.for_range_slice(self.builder, *numbers) as (first, _):
+            yield first
+
+    @contextlib.contextmanager
+    def every(self, period, i):
+        """Emit what follows for each `period`-th step i; yields the number of the period."""
+        if period == 1:
+            yield i
+            return
+        remainder = self.builder.srem(i, LONG(period))
+        with self.builder.if_then(self.builder.icmp_signed("==", remainder, LONG(0))):
+            yield self.builder.sdiv(i, LONG(period))
+
+    def none_positive(self, view, count):
+        """Whether the quantity at row 0 of a view is above 0 in none of `count` individuals."""
+        positive = ir.IntType(1)(0)
+        for first in range(0, count, self.width):
+            # A NaN is not above 0.
+            above = self.builder.fcmp_ordered(">", view.moved(first)[0], self.value(0.0))
+            if self.width > 1:
+                bits = self.builder.bitcast(above, ir.IntType(self.width))
+                above = self.builder.icmp_unsigned("!=", bits, bits.type(0))
+            positive = self.builder.or_(positive, above)
+        return self.builder.not_(positive)
 
     def widest(self):
         """Ask for vectors of 512 bits where there are such, which LLVM leaves half empty on many
@@ -352,6 +391,11 @@ class View:
         self.data = data
         self.stride = stride
         self.offset = offset
+
+    def moved(self, count):
+        """The view of the individuals that stand `count` behind those of this one."""
+        offset = self.emitter.builder.add(self.offset, LONG(count))
+        return View(self.emitter, self.data, self.stride, offset)
 
     def _place(self, r):
         builder = self.emitter.builder

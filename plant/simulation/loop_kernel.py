@@ -2,7 +2,7 @@
 
 import functools
 from collections.abc import Iterable, Iterator
-from typing import Any, TypeVar
+from typing import Any, NamedTuple, TypeAlias, TypeVar
 
 import numpy as np
 
@@ -20,11 +20,22 @@ LANES = 40
 # Individuals side by side where each is logged.
 LOGGED = 8
 
+# Numbers in a cache line of 64 bytes.
+_CACHE_LINE = 8
+
 # Samples of a logged run that are run at once: their errors stay in the processor's cache.
 _AT_ONCE = 1 << 14
 
-_COLUMNS = dict[str, list[int]]
+_Columns: TypeAlias = dict[str, list[int]]
 """Columns that a kernel reads of its tables: of law, sample and step, and of the data."""
+
+
+class _Program(NamedTuple):
+    """One kernel, the columns that it reads of its tables, and the rows of its memory."""
+
+    kernel: Kernel
+    columns: _Columns
+    rows: int
 
 
 class _Compiled:
@@ -54,18 +65,33 @@ class _Compiled:
         self._programs = {}
 
     def program(self, name):
-        """The kernel ``single`` or `program_name`, and the columns that it reads."""
+        """The kernel ``single`` or `program_name`."""
         # Made on demand: most loops run one of the two.
         if name not in self._programs:
             width = 1 if name == "single" else self.width
-            source, columns = loop_source(
+            source, columns, rows = loop_source(
                 self.loop, self.lanes, self.uniform, self._uneven, name, width
             )
-            self._programs[name] = Kernel(source, [name]), columns
+            self._programs[name] = _Program(Kernel(source, [name]), columns, rows)
         return self._programs[name]
 
     def _columns(self, logged):
-        return self.program("single" if logged else self.program_name)[1]
+        return self.program("single" if logged else self.program_name).columns
+
+    def _run(self, name, tables, initial, lanes, uniform, logs):
+        """Final states, and the number of sub-steps done; the logs are filled."""
+        program = self.program(name)
+        *columns, h = tables
+        states, width = initial.shape
+        # Rows begin where cache lines of 64 bytes do.
+        space = np.empty(program.rows * width + _CACHE_LINE)
+        first = -(space.ctypes.data // space.itemsize) % _CACHE_LINE
+        memory = space[first : first + program.rows * width].reshape(-1, width)
+        memory[:states] = initial
+        memory[states : states + len(lanes)] = lanes
+        steps = len(columns[-2])
+        done = program.kernel.call(name, memory, np.append(uniform, h), *columns, *logs, steps)
+        return memory[:states].copy(), done
 
     def prepared(self, tables, *, logged=False):
         """Columns that a run reads of the tables (law, sample, step, data), and the step length h.
@@ -149,12 +175,7 @@ class LoopKernel(_Compiled):
         if logs is None:
             name = self.program_name
             logs = np.empty((0, 0)), np.empty((0, 0))
-        columns = tables[:-1]
-        h = tables[-1]
-        final = np.empty_like(initial)
-        kernel, _ = self.program(name)
-        steps = kernel.call(name, initial, lanes, np.append(uniform, h), *columns, *logs, final)
-        return final, steps
+        return self._run(name, tables, initial, lanes, uniform, logs)
 
 
 class LoggedKernel(_Compiled):
@@ -212,14 +233,10 @@ class LoggedKernel(_Compiled):
 
         N is `samples`; the other arguments are as of `LoopKernel.run`.
         """
-        columns = tables[:-1]
-        h = tables[-1]
-        final = np.empty_like(initial)
         errors = np.empty((samples, self.loop.n, self.width))
         # Samples that the kernel does not reach are overwritten below.
-        kernel, _ = self.program("logged")
         logs = errors.reshape(-1, self.width), np.empty((0, 0))
-        steps = kernel.call("logged", initial, lanes, np.append(uniform, h), *columns, *logs, final)
+        final, steps = self._run("logged", tables, initial, lanes, uniform, logs)
         # The kernel stopped here: no sample after it was written.
         errors[-(-steps // self.loop.steps_per_sample) :] = np.nan
         return final, errors

@@ -1,9 +1,8 @@
 """Source text of a closed loop's kernels, for one individual or for W individuals side by side.
 
-Quantity r of individual j is ``work[r * W + j]``, with W a constant of the file; time is the outer
-loop, the individuals are the innermost, and the body has no branch, so that LLVM vectorises it. The
-loops are Python for numba; the functions that they call are intrinsics
-(`plant.compiler.intrinsics`).
+Quantity r of individual j is ``work[r, j]``, with W a constant of the file; time is the outer loop,
+the vectors of individuals are the inner one, and its body has no branch. One intrinsic
+(`plant.compiler.intrinsics`) emits it all; numba sees the call of it alone.
 """
 
 import dataclasses
@@ -13,7 +12,7 @@ import re
 from collections.abc import Callable, Sequence
 
 from plant.compiler.instructions import LANE, STATE, TIME, UNIFORM
-from plant.compiler.intrinsics import head, intrinsic
+from plant.compiler.intrinsics import head
 from plant.compiler.translate import Names, cut, translate
 from plant.simulation.closed_loop import ClosedLoop
 
@@ -39,8 +38,8 @@ def loop_source(
     uneven: bool,
     name: str,
     width: int,
-) -> tuple[str, dict[str, list[int]]]:
-    """Text of one loop, and the columns (law, sample, step, data) that it reads of its tables.
+) -> tuple[str, dict[str, list[int]], int]:
+    """Text of one loop, the columns (law, sample, step, data) that it reads, and its rows of work.
 
     ``single`` logs all quantities of its individual, ``logged`` the tracking errors of each,
     ``population`` nothing. `lanes` and `uniform` are positions in ``loop.number_names``. The length
@@ -62,24 +61,38 @@ def loop_source(
     # Short pieces serve several individuals alone; see the constants.
     size = PIECE if width > 1 else LONG_PIECE
     emitter = _Emitter(name, width, size, states, places, rows.__next__)
-    text, numbers = emitter.once(programs.values())
-    blocks = dict.fromkeys(_BLOCKS, "pass")
+    text, numbers, once = emitter.once(programs.values())
     columns: dict[str, list[int]] = {"law": [], "sample": [], "step": [], "data": []}
+    calls = {}
     for block, program in programs.items():
-        of_step, times = emitter.of_step(block, program, numbers, columns)
-        of_individual, blocks[block] = emitter.of_individual(block, program, numbers, times)
+        of_step, times, call = emitter.of_step(block, program, numbers, columns)
+        of_individual, calls[block] = emitter.of_individual(block, program, numbers + times)
         text += of_step + of_individual
-    settings = {
-        "states": states,
-        "lanes": len(lanes),
-        "per_law": loop.steps_per_law or 1,
-        "per_sample": loop.steps_per_sample,
-        "rows": next(rows),
-        "W": width,
-        "name": name,
-        "arguments": _ARGUMENTS,
-    }
-    return head() + text + _LOOP.format(**settings, **blocks), columns
+        calls[block].insert(0, call)
+
+    # 4. The loop: each block at its steps; a sample may end it.
+    calls["sample"] += [
+        f"ok = View(wide, memory, {width}, LONG({(states - 1) * width}))",
+        f"with builder.if_then(wide.none_positive(ok, {width})):",
+        "    builder.store(loop.index, done)",
+        "    loop.do_break()",
+    ]
+    periods = {"law": loop.steps_per_law, "sample": loop.steps_per_sample, "step": 1}
+    body = [
+        line
+        for block in calls
+        for line in (
+            f"with e.every({periods[block]}, loop.index) as i:",
+            *(f"    {line}" for line in calls[block]),
+        )
+    ]
+    text += _LOOP.format(
+        name=name,
+        vector=emitter.vector,
+        once=_indented(once, 2),
+        body=_indented(body, 3),
+    )
+    return head() + text, columns, next(rows)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -96,16 +109,20 @@ class _Emitter:
     places: dict[str, int]
     fresh: Callable[[], int]
 
+    @property
+    def vector(self):
+        """Individuals of one vector: a divisor of both numbers, so that any width works."""
+        return math.gcd(self.width, VECTOR)
+
     def once(self, programs):
-        """Functions of values that do not change in time, and names of those that all share.
+        """Functions of values that do not change in time, names of the shared ones, and the calls.
 
         The first is evaluated once, the second once per individual.
         """
         # The three functions share numbers: each is loaded once for all of them.
         used = {number: kind for program in programs for number, kind in program.used.items()}
         numbers = [number for number, kind in used.items() if kind == UNIFORM]
-        uniform = ["u = e.view(kinds[0], u, 1, e.index(0, 0))"]
-        uniform += [f"{number} = u[{number[1:]}]" for number in numbers]
+        uniform = [f"{number} = u[{number[1:]}]" for number in numbers]
         lane = [
             f"{number} = work[{self.places[number]}]"
             for number, kind in used.items()
@@ -116,17 +133,17 @@ class _Emitter:
             numbers += _assigned(program.lines[UNIFORM])
             lane += map(str, program.lines[LANE])
             lane += [f"work[{row}] = {number}" for number, row in program.crossing.items()]
-        # Unpacked last, since the programs have added to the numbers.
-        lane = [
-            f"work = e.view(kinds[0], work, {self.width}, j)",
-            _unpacked(numbers, "uniform"),
-            *lane,
+        text = _function(
+            f"{self.name}_uniforms", "e, u", [*uniform, f"return ({_listed(numbers)})"]
+        )
+        calls = [
+            f"({_listed(numbers)}) = {self.name}_uniforms_{{h}}(e, View(e, uniform, 1, LONG(0)))"
         ]
-        text = intrinsic(f"{self.name}_uniforms", ["u"], uniform, numbers)
-        return text + intrinsic(f"{self.name}_once", ["work", "j", "uniform"], lane), numbers
+        function, call = self._per_vector(f"{self.name}_once", lane, numbers)
+        return text + function, numbers, calls + call
 
     def of_step(self, block, program, numbers, columns):
-        """The function of a step that all individuals share, and the names of its results.
+        """The function of a step that all individuals share, names of its results, and its call.
 
         The inputs that it reads are added to the `columns` of the tables.
         """
@@ -137,65 +154,66 @@ class _Emitter:
             # A number of a table is named by its column: t7 is column 7.
             columns[table] += [int(number[1:]) for number in of_table[letter]]
         lines = [
-            f"t = e.view(kinds[0], t, 1, e.index(i, {len(columns[block])}))",
-            f"d = e.view(kinds[1], d, 1, e.index(i, {len(columns['data'])}))",
-            _unpacked(numbers, "uniform"),
+            f"{number} = {letter}[{i}]"
+            for letter, names in of_table.items()
+            for i, number in enumerate(names)
         ]
-        for letter, names in of_table.items():
-            lines += [f"{number} = {letter}[{i}]" for i, number in enumerate(names)]
         lines += map(str, program.lines[TIME])
         times = inputs + _assigned(program.lines[TIME])
-        function = f"{self.name}_{block}_times"
-        return intrinsic(function, ["t", "d", "i", "uniform"], lines, times), times
+        shared = _read(lines, numbers)
+        name = f"{self.name}_{block}_times"
+        function = _function(
+            name, f"e, t, d, {_listed(shared)}", [*lines, f"return ({_listed(times)})"]
+        )
+        call = (
+            f"({_listed(times)}) = {name}_{{h}}("
+            f"e, View(e, {block}_time, 1, e.index(i, {len(columns[block])})),"
+            f" View(e, data, 1, e.index(i, {len(columns['data'])})), {_listed(shared)})"
+        )
+        return function, times, call
 
-    def of_individual(self, block, program, numbers, times):
-        """Functions of a step of each individual, and the lines of the loop that call them."""
-        name = f"{self.name}_{block}"
-        width = self.width
-        # A divisor of both, so that any width works.
-        vector = math.gcd(self.width, VECTOR)
-        table, index, log = _BLOCKS[block]
+    def of_individual(self, block, program, shared):
+        """Functions of a step of each individual, and the lines of the loop that call them.
 
+        `shared` are names of numbers and times of all individuals.
+        """
         # 1. The results: states that change, to their rows of `work`, and the log.
         results = program.results[: self.states]
         logged = program.results[self.states :]
         # A state that does not change stays in its row.
         stores = {i: result for i, result in enumerate(results) if result != f"s{i}"}
         stores |= {f"log[{i}]": result for i, result in enumerate(logged)}
-        start = [
-            f"work = e.view(kinds[0], work, {width}, j)",
-            _unpacked(numbers, "uniform"),
-            _unpacked(times, "times"),
-        ]
-        parameters = ["work", "j", "uniform", "times"]
-        arguments = f"numbers, {block}_times"
+        log = None
         if logged:
             # A single log has its rows one after the other; those of several individuals stand side
             # by side in each row.
-            if self.name == "single":
-                row = f"e.index(i, {len(logged)})"
-                arguments += f", {log}, {index}"
-            else:
-                row = "i"
-                arguments += f", {log}, {index} * {len(logged) * width} + {{j}}"
-            start.append(f"log = e.view(kinds[4], log, {width}, {row})")
-            parameters += ["log", "i"]
+            count = len(logged) * self.width
+            log = f"View(wide, {block}_log, {self.width}, builder.add(e.index(i, {count}), j))"
 
         # 2. One function per piece, called for all individuals before the next piece.
         instructions = sum(line.weight for line in program.lines[STATE])
-        longest = LONGEST if width > 1 and instructions >= ENOUGH else self.size
+        longest = LONGEST if self.width > 1 and instructions >= ENOUGH else self.size
         pieces = cut(
             program.lines[STATE], stores, self.places | program.crossing, self.fresh, longest
         )
-        text = ""
-        calls = [f"{block}_times = {name}_times_{{h}}({table}, data, {index}, numbers)"]
+        text, calls = "", []
         for k, piece in enumerate(pieces):
-            j = f"j_{block}_{k}"  # a name assigned once compiles faster
-            lines = start + [re.sub(r"{(\d+)}", r"work[\1]", line) for line in piece]
-            text += intrinsic(f"{name}_{k}", parameters, lines, width=vector)
-            calls.append(f"for {j} in range(0, {width}, {vector}):")
-            calls.append(f"    {name}_{k}_{{h}}(work, {j}, {arguments.replace('{j}', j)})")
-        return text, "\n            ".join(calls)
+            lines = [re.sub(r"{(\d+)}", r"work[\1]", line) for line in piece]
+            function, call = self._per_vector(f"{self.name}_{block}_{k}", lines, shared, log)
+            text += function
+            calls += call
+        return text, calls
+
+    def _per_vector(self, name, lines, shared, log=None):
+        """A function of a vector of individuals, and the lines that call it for all of them."""
+        shared = _read(lines, shared)
+        log_name, log_view = ("log, ", f"{log}, ") if log else ("", "")
+        function = _function(name, f"e, work, {log_name}{_listed(shared)}", lines)
+        return function, [
+            f"with wide.individuals({self.width}) as j:",
+            f"    work = View(wide, memory, {self.width}, j)",
+            f"    {name}_{{h}}(wide, work, {log_view}*wide.shared({_listed(shared)}))",
+        ]
 
 
 def _programs(
@@ -239,59 +257,65 @@ def _programs(
     }
 
 
-def _unpacked(names, values):
-    return f"{', '.join(names or ['_'])}, = e.unpack({values})"
+def _function(name, parameters, lines):
+    """A function of the generated text."""
+    return f"\n\ndef {name}_{{h}}({parameters}):\n" + _indented(lines or ["pass"], 1)
+
+
+def _indented(lines, depth):
+    """Lines of a block, `depth` times four columns to the right."""
+    return "".join(f"{'    ' * depth}{line}\n" for line in lines)
+
+
+def _listed(names):
+    return "".join(f"{name}, " for name in names)
+
+
+def _read(lines, names):
+    """Those of the names that the lines read."""
+    words = set(re.findall(r"\w+", "\n".join(lines)))
+    return [name for name in names if name in words]
 
 
 def _assigned(lines):
     return [name for line in lines for name in line.names]
 
 
-# Each block of the loop: its table, the row of the table, and its log.
-_BLOCKS = {
-    "law": ("law_time", "i // PER_LAW", None),
-    "sample": ("sample_time", "i // PER_SAMPLE", "sample_log"),
-    "step": ("step_time", "i", "step_log"),
-}
-
-_ARGUMENTS = (
-    "initial, lanes, uniform, law_time, sample_time, step_time, data, sample_log, step_log, final"
-)
+# What a loop consists of.
+_BLOCKS = ("law", "sample", "step")
 
 # The last state is ``ok``: a loop ends early once it is 0 in all individuals.
 _LOOP = """
 
+@intrinsic
+def {name}_run_{{h}}(
+    typing, memory, uniform, law_time, sample_time, step_time, data, sample_log, step_log, steps
+):
+    def codegen(context, builder, signature, arguments):
+        e = Emitter(context, builder)
+        wide = Emitter(context, builder, {vector})
+        e.widest()
+        *arrays, steps = arguments
+        memory, uniform, law_time, sample_time, step_time, data, sample_log, step_log = (
+            e.elements(kind, array) for kind, array in zip(signature.args, arrays)
+        )
+{once}
+        done = cgutils.alloca_once_value(builder, steps)
+        with cgutils.for_range(builder, steps) as loop:
+{body}
+        return builder.load(done)
+
+    signature = int64(
+        memory, uniform, law_time, sample_time, step_time, data, sample_log, step_log, steps
+    )
+    return signature, codegen
+
+
 @compiled
-def {name}_{{h}}({arguments}):
-    widest_{{h}}()
-    W, PER_LAW, PER_SAMPLE = {W}, {per_law}, {per_sample}
-    space = np.empty({rows} * W + 8)
-    work = space[(-(space.ctypes.data // 8)) % 8 :]  # rows begin where cache lines do
-    for r in range({states}):
-        for j in range(W):
-            work[r * W + j] = initial[r, j]
-    for r in range({lanes}):
-        for j in range(W):
-            work[({states} + r) * W + j] = lanes[r, j]
-    numbers = {name}_uniforms_{{h}}(uniform)
-    for j in range(W):
-        {name}_once_{{h}}(work, j, numbers)
-    done = 0
-    for i in range(step_time.shape[0]):
-        if i % PER_LAW == 0:
-            {law}
-        if i % PER_SAMPLE == 0:
-            {sample}
-            alive = 0.0
-            for j in range(W):
-                alive += work[({states} - 1) * W + j]
-            if not alive > 0.0:
-                break
-        if True:
-            {step}
-        done += 1
-    for r in range({states}):
-        for j in range(W):
-            final[r, j] = work[r * W + j]
-    return done
+def {name}_{{h}}(
+    memory, uniform, law_time, sample_time, step_time, data, sample_log, step_log, steps
+):
+    return {name}_run_{{h}}(
+        memory, uniform, law_time, sample_time, step_time, data, sample_log, step_log, steps
+    )
 """

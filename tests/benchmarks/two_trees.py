@@ -205,7 +205,7 @@ def sources(_):
                         dynamics=arm.dynamics, rig=each, law=law, steps_per_sample=4, smooth=smooth
                     )
                     numbers = range(len(loop.number_names))
-                    text, _ = text_of(loop, numbers[:9], numbers[9:], False, "population", 8)
+                    text, *_ = text_of(loop, numbers[:9], numbers[9:], False, "population", 8)
                     # Before it stands the emitter of instructions, a source file of the tree.
                     body = text[text.index("\nimport numba\n") :]
                     yield f"{name}, {called}{', smooth' * smooth}: text", body

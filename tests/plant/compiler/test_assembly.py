@@ -22,15 +22,15 @@ pytestmark = pytest.mark.skipif("+avx2" not in FEATURES, reason="no x86 processo
 def assembly(loop):
     """Machine code of the population kernel, and its source, compiled here and now."""
     kernel = LoopKernel(loop, range(loop.dynamics.p))
-    program, _ = kernel.program("population")
-    source = program.source.replace("cache=True, ", "")
+    program = kernel.program("population")
+    source = program.kernel.source.replace("cache=True, ", "")
     module = types.ModuleType("kernel")
     exec(source, module.__dict__)  # noqa: S102 - the generator's own text
-    function = getattr(module, f"population_{program.hash}")
+    function = getattr(module, f"population_{program.kernel.hash}")
     table = empty = np.zeros((0, 0))
-    state, lanes = np.zeros((len(loop.state_names), LANES)), np.zeros((loop.dynamics.p, LANES))
+    memory = np.zeros((program.rows, LANES))
     uniform = np.ones(len(kernel.uniform) + 1)
-    function(state, lanes, uniform, table, table, table, table, empty, empty, state.copy())
+    function(memory, uniform, table, table, table, table, empty, empty, 0)
     return (
         next(iter(function.inspect_asm().values())),
         source[source.index("def population_step_0") : source.rindex("@compiled")],
