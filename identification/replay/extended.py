@@ -8,7 +8,7 @@ quite like rigid gears where a joint turns back, which a log would seem to contr
 
 import copy
 import itertools
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Self
 
@@ -135,7 +135,8 @@ class Extended(Stacked):
     gears where the rig knows no motor inertia, or D falls short of it. `kinds`: the kind of each
     name. `gains`, `gain_steps` (2n,): observer gains to begin with, and steps of their central
     differences. `gain_bounds` (2n, 2). `least` (e,): the least that each of `extra` can be.
-    `weights`, `scales` (M,): as of `Prediction`.
+    `weights`, `scales` (M,): as of `Prediction`. `rounding` (M,): innovations that the rounding of
+    counts causes, which the loop felt and this model omits; zero unless set.
     """
 
     def __init__(
@@ -180,6 +181,14 @@ class Extended(Stacked):
         self.unknown = (*unknown, *gain_names, *self.extra)
         weights = [log.prediction.weights for log in self._logs]
         super().__init__(PriorRows(prior, self.unknown), weights)
+        self.rounding = np.zeros(len(self.weights))
+
+    def all_innovations(self, vectors: Iterable[Floats]) -> list[Floats]:
+        """Innovations (M,) at each of several vectors, less those that rounding causes."""
+        rows = super().all_innovations(vectors)
+        for row in rows:
+            row -= self.rounding
+        return rows
 
     def parts(self, vectors: Sequence[Floats]) -> Iterator[list[Floats]]:
         """Rows of each record with each of the vectors."""
@@ -204,6 +213,7 @@ class Extended(Stacked):
         model = self._again(dynamics, records)
         # The same weights: sums of squares of both are compared.
         model.scales = self.scales
+        model.rounding = self.rounding
         model.prior = self.prior
         return model
 

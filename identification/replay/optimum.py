@@ -52,6 +52,11 @@ class Optimum:
         """Sum of the squared innovations [pulses^2]."""
         return float((self.innovations**2).sum())
 
+    @property
+    def logged_squares(self) -> float:
+        """The same with known rounding."""
+        return float(((self.innovations + self.model.rounding) ** 2).sum())
+
     @functools.cached_property
     def before(self) -> Floats:
         """The part of the innovations that is orthogonal to the varied unknowns."""
@@ -81,7 +86,9 @@ class Optimum:
         return nearest(self.model, vectors) - self.values
 
     def unit(self, residual: Floats) -> float:
-        """Variance of a residual (M,), inflated by its autocorrelation."""
+        """Variance of a residual (M,) and of known rounding, inflated by its autocorrelation."""
+        # Another arm's encoder may round elsewhere: knowing the rounding makes no test sharper.
+        residual = residual + self.model.rounding
         return float((residual**2).sum()) / self._readings * variance_inflation(residual)
 
     @functools.cached_property
@@ -99,6 +106,7 @@ class Optimum:
 
     def beyond_rounding(self, residual: Floats) -> float:
         """Sum of the squares of a residual (M,) that is not rounding [pulses^2]."""
+        residual = residual + self.model.rounding
         rounding = 0.0
         if not self.model.records[0].rig.encoder.smooth:
             variance = 1 / 12  # of a count, uniform within one pulse [pulses^2]

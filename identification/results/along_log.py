@@ -124,13 +124,15 @@ def at_reversals(at: Optimum) -> Iterator[tuple[int, Floats, Floats]]:
     """
     arm = _arm(at)
     n = arm.dynamics.n
+    # With known rounding: without it the ratio would be one of the smallest errors.
+    innovations = at.left(at.innovations + at.model.rounding)
     crossing: list[list[Floats]] = [[] for _ in range(n)]
     elsewhere: list[list[Floats]] = [[] for _ in range(n)]
     for record, rows in zip(at.model.records, at.model.rows(), strict=True):
         motion = smoothed(record, record.rig.cell_centre(record.counts))
         # The teeth carry the torque of the links, without that which turns the rotor.
         load = _torque(arm, motion) - record.rig.drive.reflected_inertia() * motion.qdd
-        residual = at.before[rows].reshape(load.shape)
+        residual = innovations[rows].reshape(load.shape)
         samples = max(4, round(_CROSSING / record.rig.period))
         for i in range(n):
             loaded = _after_flips(load[:, i], samples)

@@ -91,7 +91,7 @@ class Doubt:
         result[places] = (steps * self.step[varied])[is_unknown]
         return result
 
-    def added(self, tolerances: Tolerances, rounding: Floats | None) -> Floats:
+    def added(self, tolerances: Tolerances) -> Floats:
         """Covariance (k, k) by tolerances and reported causes, to be added to that of noise.
 
         The size of a reported cause is unknown before the log; the change of the unknowns when it
@@ -100,8 +100,6 @@ class Doubt:
         at = self.at
         count = len(self.keep)
         varied = np.flatnonzero(self.step)
-        # Known rounding is no error of the model: it is taken out.
-        residual = self._residual - (0.0 if rounding is None else rounding[: self.searched])
 
         # 1. A reported cause is an effect without a prior, no longer one of the unknowns.
         effects = dict(self.effects)
@@ -115,7 +113,9 @@ class Doubt:
             else:
                 fitted.append(i)
         prior = {**priors(tolerances, list(effects), self.efforts), **unlimited}
-        change, covariance, _ = consider(at.rates[fitted], residual, prior, effects, self._unit)
+        change, covariance, _ = consider(
+            at.rates[fitted], self._residual, prior, effects, self._unit
+        )
 
         # 2. From steps of the varied values to the unknowns among them.
         rows = np.array([i for i, j in enumerate(fitted) if varied[j] < count], dtype=int)

@@ -73,20 +73,19 @@ def detect(problem: Problem, fit: Fit, outcome: Outcome, delay: float = 0.0) -> 
     one of this size is worth a trial. A failed test gives its reason, it does not raise.
     """
     try:
-        search = _Search(problem, fit)
+        search = _Search(problem, fit, outcome.rounding)
         # A delay from another test is taken for real: it needs no check at finer steps.
         coarse = not delay and problem.options.get("steps_per_sample", 4) < SETTINGS.fine_steps
         detection = search.detection(delay, coarse=coarse)
         if search.faint:
             # Begin at the optimum of the coarse steps, which is close.
             options = problem.options | {"steps_per_sample": SETTINGS.fine_steps}
-            search = _Search(replace(problem, options=options), fit, search.at)
+            search = _Search(
+                replace(problem, options=options), fit, outcome.rounding, search.at
+            )
             detection = search.detection(delay)
         doubt = search.doubt()
-        # The rounding of the counts is part of the innovations, and no error of the model.
-        prior_rows = search.at.model.prior.count
-        rounding = rows_of_parts(outcome.rounding, search.searched_records, prior_rows)
-        added = doubt.added(problem.tolerances, rounding)
+        added = doubt.added(problem.tolerances)
         detection = replace(
             detection,
             assumed=doubt.assumed(),
@@ -177,7 +176,7 @@ class _Search:
 
     faint = False
 
-    def __init__(self, problem, fit, start=None):
+    def __init__(self, problem, fit, rounding, start=None):
         # 1. The model, on parts of long records, and its unknowns with their steps and bounds.
         records, keep = as_tested(problem, fit)
         if fit.covariance is not None:
@@ -197,6 +196,12 @@ class _Search:
             runs=[len(pieces) for pieces in parts],
             **problem.options,
         )
+        # The rounding of the counts is part of the innovations, and no error of the model.
+        searched = records[: len(problem.records)]
+        known = rows_of_parts(rounding, searched, model.prior.count)
+        if known is not None:
+            # Of records held out it was not simulated.
+            model.rounding[: len(known)] = known
         # Numbers that the rig leaves out are zero and, with a step of 0, not varied yet.
         extra = np.zeros(len(model.extra))
         step = np.concatenate([SETTINGS.step * std[keep], model.gain_steps, extra])
@@ -222,7 +227,6 @@ class _Search:
         self._tolerances = problem.tolerances
         # Innovations of records held out come last; they count for no interval.
         self._searched = model.runs()[len(problem.records) - 1].stop
-        self.searched_records = records[: len(problem.records)]
         self._share = sum(len(piece) for pieces in parts for piece in pieces) / sum(
             map(len, records)
         )
@@ -282,7 +286,7 @@ class _Search:
 
         def accept(ranked):
             best = ranked[0].corrected
-            limit = SETTINGS.faint * self.at.squares
+            limit = SETTINGS.faint * self.at.logged_squares
             self.faint = coarse and not named and best.sign.explained < limit
             if self.faint:
                 return None

@@ -543,7 +543,8 @@ def _unbiased(prediction, solution, bounds, seed):
     deviation. The scatter of the values of these logs shows the error of the covariance as far as
     innovations are rounding; the mean of both counts, since these logs have no other noise.
 
-    Returns the solution, and the weighted mean innovations (M,) of these logs; None of no log.
+    Returns the solution, and the weighted mean innovations (M,) of these logs, as far as they are in
+    the log; None of no log.
 
     Source: C. Gourieroux, A. Monfort, E. Renault, Indirect inference, Journal of Applied
     Econometrics 8, 1993.
@@ -583,7 +584,10 @@ def _unbiased(prediction, solution, bounds, seed):
     unbiased = replace(
         solution, values=np.clip(values, *bounds.T), covariance=scale * solution.covariance
     )
-    return unbiased, sum(logs) / len(logs) * prediction.scales
+    # Where the logs differ from the log, as at rest, their mean is no rounding of this log.
+    mean = sum(logs) / len(logs) * prediction.scales
+    share = dot(mean, solution.residual) / max(dot(mean, mean), 1e-300)
+    return unbiased, min(max(share, 0.0), 1.0) * mean
 
 
 def _rounded(prediction, values, shifts, residual):
