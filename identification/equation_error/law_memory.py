@@ -108,10 +108,14 @@ class Memory:
 
 
 class Resumption(NamedTuple):
-    """State of a record's law (s,), and q and qd (2, n) of its arm, at the first sample."""
+    """State of a record's law (s,), and q and qd (2, n) of its arm, at the first sample.
+
+    `deviations` (2, n): standard deviations of q and qd; None where they were not estimated.
+    """
 
     state: Floats
     initial: Floats
+    deviations: Floats | None = None
 
 
 def along_log(record: Record, *, unknown_law: bool = False) -> Record:

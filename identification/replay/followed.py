@@ -122,14 +122,22 @@ class Followed(Experiment):
             settled[row : row + SETTINGS.settling] = 0
         return settled
 
-    def resumption(self, values: Floats) -> Resumption | None:
-        """Where law and arm were at the first sample, of values; None where it is known."""
+    def resumption(self, values: Floats, std: Floats | None = None) -> Resumption | None:
+        """Where law and arm were at the first sample, of values with standard deviations (k,).
+
+        None where it is known.
+        """
         if self.memory is None:
             return None
         # Behind the shared unknowns come coordinates of the law's state, then the arm's position
         # and speed, relative to those that the counts show.
         state = self.memory.at(values[self._stated :][: self.memory.usual.size])
-        return Resumption(state, np.add(self.begin, values[-2 * self.loop.n :].reshape(2, -1)))
+        start = slice(-2 * self.loop.n, None)
+        return Resumption(
+            state,
+            np.add(self.begin, values[start].reshape(2, -1)),
+            None if std is None else std[start].reshape(2, -1),
+        )
 
     def _start(self, values):
         """Position and speed at the start, and all numbers of the loop, of values."""

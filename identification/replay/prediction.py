@@ -280,12 +280,18 @@ class Prediction(Stacked):
         """Joint positions (R, n) [rad] at zero counts of each record, from values (k,)."""
         return np.array([values[zeros] for zeros in self._zeros])
 
-    def resumptions(self, values: Floats) -> tuple[Resumption | None, ...]:
-        """State of law and arm of each record at its first sample, from values (k,).
+    def resumptions(
+        self, values: Floats, std: Floats | None = None
+    ) -> tuple[Resumption | None, ...]:
+        """State of law and arm of each record at its first sample, from values and deviations (k,).
 
         None where that is known.
         """
-        return tuple(followed.resumption(part) for followed, part in self._each(values))
+        parts = [part for _, part in self._each(values if std is None else std)]
+        return tuple(
+            followed.resumption(part, None if std is None else deviations)
+            for (followed, part), deviations in zip(self._each(values), parts, strict=True)
+        )
 
     def widest(self, direction: Floats) -> Floats:
         """A direction (k,) of values that readings do not determine, one standard deviation long.

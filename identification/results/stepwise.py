@@ -80,9 +80,7 @@ def detect(problem: Problem, fit: Fit, outcome: Outcome, delay: float = 0.0) -> 
         if search.faint:
             # Begin at the optimum of the coarse steps, which is close.
             options = problem.options | {"steps_per_sample": SETTINGS.fine_steps}
-            search = _Search(
-                replace(problem, options=options), fit, outcome.rounding, search.at
-            )
+            search = _Search(replace(problem, options=options), fit, outcome.rounding, search.at)
             detection = search.detection(delay)
         doubt = search.doubt()
         added = doubt.added(problem.tolerances)

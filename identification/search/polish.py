@@ -317,7 +317,11 @@ def polished(
         stages,
         values=values,
         fallback_reason=reason,
-        resumptions=prediction.resumptions(solution.values) if problem.memories else (),
+        resumptions=prediction.resumptions(
+            solution.values, np.sqrt(np.maximum(np.diag(solution.covariance), 0.0))
+        )
+        if problem.memories
+        else (),
         gains=None if gains is None else solution.values[gains],
     )
     outcome = _with_undetermined(outcome, prediction, solution)
@@ -543,8 +547,8 @@ def _unbiased(prediction, solution, bounds, seed):
     deviation. The scatter of the values of these logs shows the error of the covariance as far as
     innovations are rounding; the mean of both counts, since these logs have no other noise.
 
-    Returns the solution, and the weighted mean innovations (M,) of these logs, as far as they are in
-    the log; None of no log.
+    Returns the solution, and the weighted mean innovations (M,) of these logs, as far as they are
+    in the log; None of no log.
 
     Source: C. Gourieroux, A. Monfort, E. Renault, Indirect inference, Journal of Applied
     Econometrics 8, 1993.

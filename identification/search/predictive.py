@@ -1,8 +1,8 @@
 """Posterior predictive check: do records differ from the model more than its own runs do?
 
-Arms drawn from the covariance of the fit are simulated, with another start within a count. If the
-model is right, the log is one run more, and lies no further from the run of the fitted values than
-these runs.
+Arms drawn from the covariance of the fit are simulated, with another start within a count and
+within the deviations of a start that was estimated. If the model is right, the log is one run more,
+and lies no further from the run of the fitted values than these runs.
 """
 
 import dataclasses
@@ -118,7 +118,10 @@ def predicted(problem: Problem, fit: Fit, records: Sequence[Record], cost: float
     for count, chance in CHECK.looks:
         for values in _drawn(fit, random, count - len(logarithms)):
             try:
-                drawn = [_run(problem, values, _shifted(run, random)) for run in runs]
+                drawn = [
+                    _run(problem, values, _shifted(run, record, fit, random))
+                    for run, record in zip(runs, records, strict=True)
+                ]
             except ValueError:  # this draw is no arm
                 continue
             hunts |= {i for i in swings if _alike(swings[i], drawn[i])}
@@ -165,10 +168,15 @@ def _drawn(fit, random, count):
     yield from (fit.values + root @ random.standard_normal(len(scale)) for _ in range(count))
 
 
-def _shifted(run, random):
-    """A simulated record with another start within a count."""
+def _shifted(run, record, fit, random):
+    """A run of a record with another start, within a count and the deviations of its estimate."""
     start = np.stack([run.true_q[0], run.true_qd[0]])
     start[0] += run.rig.to_angle(random.uniform(-0.5, 0.5, run.n))
+    for resumption in fit.resumptions:
+        # Records that were held out have starts of their own.
+        estimated = resumption is not None and resumption.deviations is not None
+        if estimated and np.array_equal(record.initial, resumption.initial):
+            start += resumption.deviations * random.standard_normal(start.shape)
     return dataclasses.replace(run, initial=start)
 
 

@@ -418,7 +418,12 @@ def test_a_length_of_which_f_takes_over_nine_tenths_is_named_and_no_gear():
         sine=((-0.2, 0.1), (0.3, 0.1)),
     )
     record = simulate(
-        dynamics.arm(dynamics.f()), rig, P(gain=(0.08, 0.0295)), path, steps_per_sample=16
+        dynamics.arm(dynamics.f()),
+        rig,
+        P(gain=(0.08, 0.0295)),
+        path,
+        duration=5.4,
+        steps_per_sample=16,
     )
     record = dataclasses.replace(record, true_q=None, true_qd=None, torque=None, current=None)
     link = true.links[1]

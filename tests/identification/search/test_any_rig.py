@@ -33,6 +33,17 @@ def test_no_value_is_off_by_five_deviations_unless_something_is_said(seed):
     assert np.abs((estimate.fit.values - case.truth) / estimate.fit.std).max() < 5
 
 
+@pytest.mark.parametrize("seed", [106, pytest.param(96, marks=pytest.mark.slow)])
+def test_counts_that_fast_hardware_felt_are_no_lag_of_its_torques(seed):
+    """What rounding adds to the torque within a sample explained the log with odds of 100."""
+    case = drawn(seed)
+    assert case.record.law.period is None
+    estimate = identify(case.dynamics, case.record, unknown=case.unknown, progress=False)
+    (lag,) = (sign for sign in estimate.diagnostics.detection.signs if sign.name == "lag")
+    assert lag.chi_square < 0.2 * lag.threshold
+    assert estimate.diagnostics.detection.names == ()
+
+
 def test_a_log_cut_out_of_a_motion_is_repeated_from_where_it_began():
     """A soft loop swings on for a second from a speed that is not the reference's.
 
@@ -75,6 +86,17 @@ def test_an_arm_in_motion_has_a_controller_that_was_at_work():
     assert estimate.fit.undetermined == (case.unknown,)
     assert np.abs((estimate.fit.values - case.truth) / estimate.fit.std).max() < 5
     assert estimate.fit.values.sum() == pytest.approx(case.truth.sum(), rel=1e-3)
+
+
+def test_runs_of_the_model_begin_as_uncertain_as_the_start_of_a_log_is():
+    """From one start they differed by 0.6 pulses, and the right log by 1.35: it was doubted."""
+    case = drawn(103)
+    estimate = identify(case.dynamics, case.record, unknown=case.unknown, progress=False)
+    (resumption,) = estimate.fit.resumptions
+    pulses = case.record.rig.position_in_pulses(resumption.deviations[1]) * case.record.rig.period
+    assert (np.abs(pulses) < 0.2).all()
+    assert estimate.diagnostics.expected > 1.0
+    assert estimate.doubts == []
 
 
 def test_a_log_without_a_path_begins_as_fast_as_its_counts_roughly_show():
