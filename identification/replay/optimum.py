@@ -52,11 +52,6 @@ class Optimum:
         """Sum of the squared innovations [pulses^2]."""
         return float((self.innovations**2).sum())
 
-    @property
-    def logged_squares(self) -> float:
-        """The same with known rounding."""
-        return float(((self.innovations + self.model.rounding) ** 2).sum())
-
     @functools.cached_property
     def before(self) -> Floats:
         """The part of the innovations that is orthogonal to the varied unknowns."""

@@ -88,6 +88,15 @@ def test_an_arm_in_motion_has_a_controller_that_was_at_work():
     assert estimate.fit.values.sum() == pytest.approx(case.truth.sum(), rel=1e-3)
 
 
+def test_coarse_steps_of_an_integration_are_no_elastic_gear():
+    """At 4 steps per sample a fast, soft loop looked like gears of 222 Hz, with odds of 1e21."""
+    case = drawn(137)
+    estimate = identify(case.dynamics, case.record, unknown=case.unknown, progress=False)
+    (sign,) = (sign for sign in estimate.diagnostics.detection.signs if sign.name == "compliance")
+    assert not sign.significant
+    assert estimate.doubts == []
+
+
 def test_runs_of_the_model_begin_as_uncertain_as_the_start_of_a_log_is():
     """From one start they differed by 0.6 pulses, and the right log by 1.35: it was doubted."""
     case = drawn(103)
