@@ -44,7 +44,7 @@ class RestatedSettings:
         motion instead of braking it, of all joints and of one; chosen by hand, well below what
         noise gives.
     unphysical : float
-        Log odds against a statement under which friction does so.
+        Log odds against a statement under which friction does so, at most.
     suspected : float
         Share of the torques that must be left as stated, so that zeros, exchanges and timing are
         tried: they are many.
@@ -268,15 +268,26 @@ class TorqueEquation:
     @functools.cached_property
     def evidence(self) -> float:
         """Log likelihood of the statements: of what is left, of the stated bodies, of friction."""
-        fitted = self.fitted
-        likely = fitted.power_by_joint + SETTINGS.certain * fitted.power_std
-        all_joints = fitted.power + SETTINGS.certain * fitted.std
-        impossible = all_joints < SETTINGS.generated or likely.min() < SETTINGS.generated_by_joint
         return (
-            -SETTINGS.independent * math.log(fitted.left + SETTINGS.floor)
-            - SETTINGS.unphysical * impossible
+            -SETTINGS.independent * math.log(self.left + SETTINGS.floor)
+            - min(SETTINGS.unphysical, self._driving)
             + self.evidence_of_bodies(self.scale)
         )
+
+    @property
+    def _driving(self) -> float:
+        """Log odds for friction of its usual size that drives the motion, against one that brakes.
+
+        A short log gives friction hundreds of times the power of the torques: that is neither.
+        """
+        fitted = self.fitted
+        limits = np.full(self.dynamics.n + 1, SETTINGS.generated_by_joint)
+        limits[-1] = SETTINGS.generated
+        power = np.append(fitted.power_by_joint, fitted.power)
+        std = np.append(fitted.power_std, fitted.std)
+        usual = max(self.braking, SETTINGS.usual)
+        odds = -2 * usual * power / np.maximum(std, 1e-9) ** 2
+        return float(odds[power + SETTINGS.certain * std < limits].max(initial=0.0))
 
     @property
     def left(self) -> float:

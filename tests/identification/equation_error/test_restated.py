@@ -33,6 +33,27 @@ def test_a_right_log_is_not_restated():
     assert restated(DYNAMICS, dataclasses.replace(log(), torque=None, current=None)) == ()
 
 
+@pytest.mark.parametrize(("begin", "end"), [(0.9, 1.5), (2.5, 2.88)])
+def test_a_log_too_short_for_friction_turns_no_torque(begin, end):
+    """Friction of twenty times the power of the torques neither drives nor brakes the motion."""
+    law = PID(
+        gain=(0.1, 0.08), derivative=(4e-4, 3e-4), integral=(0.5, 0.4), filter=2000.0, period=7e-4
+    )
+    record = simulate(
+        puma560.literature_arm(1.5),
+        puma560.rig(),
+        law,
+        puma560.reference(),
+        duration=end,
+        steps_per_sample=16,
+    )
+    record = dataclasses.replace(record.cut(begin), torque=None, current=None)
+    fitted = TorqueEquation.of(DYNAMICS, record).fitted
+    # By its deviation alone the friction would drive.
+    assert fitted.power + 3 * fitted.std < -0.02
+    assert restated(DYNAMICS, record) == ()
+
+
 def held():
     """A log in which joint 3 is asked for 20 pulses, and friction holds it beside them."""
     path = puma560.reference()(np.linspace(0, 3.65, 200)).q
