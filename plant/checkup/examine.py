@@ -190,8 +190,14 @@ SPOILED = SelectionSettings(traces=0.06, accepted=100.0)
 
 # Checks of a log whose lost rows are bridged, before and after the ranked causes. What others take
 # for noise, saturation or a delay comes first: the first finding is the first to be corrected.
-_BEFORE = _of_torque("clipped torque", _clipped), oscillation_findings, quantisation_findings
-_AFTER = _of_torque("saturation", _saturated), _of_torque("backlash", _backlash)
+# Backlash makes loops swing: a cause stands before its effects.
+_BEFORE = (
+    _of_torque("clipped torque", _clipped),
+    _of_torque("backlash", _backlash),
+    oscillation_findings,
+    quantisation_findings,
+)
+_AFTER = (_of_torque("saturation", _saturated),)
 
 
 @one_thread

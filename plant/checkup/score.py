@@ -585,6 +585,10 @@ def _following(reference, counts, noise, half):
     share = np.minimum((np.maximum(least, 0.0) + noise) / (squares[3, 3] + noise), 1.0)
     likelihood = -half * np.log(share + SETTINGS.tracking) - _SCALES**2 / 2
     best = int(np.argmax(likelihood))
+    # At the ends the best scale lies beyond those of soft loops: such counts follow nothing. Those
+    # that an error of the wrong sign gives, beside counts that rest, move twice as far.
+    if best in (0, len(_SCALES) - 1):
+        return 1.0, float(-half * np.log(1 + SETTINGS.tracking))
     return float(share[best]), float(likelihood[best])
 
 

@@ -165,6 +165,13 @@ def test_backlash_is_told_from_where_the_loop_swings():
         )
 
 
+def test_backlash_that_the_torque_shows_comes_before_the_swings_that_it_causes():
+    """In MuJoCo about hanging, in a loop that swings between its reversals, too."""
+    record = run(*ur5e(np.pi / 2, 2.7), play=0.005, hertz=300.0)
+    names = [finding.check for finding in record.check().problems]
+    assert names.index("backlash") < names.index("oscillation")
+
+
 def test_what_the_start_sets_swinging_and_decays_is_no_oscillation():
     record = simulate(*ur5e(0.0, 6.0), duration=3.0, steps_per_sample=16)
     swing = record.error_pulses[:, 0] - np.convolve(

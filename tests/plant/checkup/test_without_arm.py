@@ -18,7 +18,7 @@ from plant import (
     read_robot,
     simulate,
 )
-from plant.checkup import score
+from plant.checkup import score, undo
 from plant.checkup.hypothesis import each_joint
 
 RIG = puma560.rig()
@@ -297,3 +297,18 @@ def test_a_changed_torque_is_compared_with_its_own_motion_alone(record, monkeypa
     changed = experiment.changed(with_torque(record, record.torque * (1.0, 2.0)))
     assert changed.score < before
     assert calls == ["_regression"]
+
+
+def test_counts_that_rest_beside_their_reference_do_not_turn_the_error():
+    """A path in degrees takes the amplifier to its limit: turned, the counts move twice as far."""
+    scale = 180 / np.pi
+    path = dataclasses.replace(
+        PATH,
+        **{name: scale * np.array(getattr(PATH, name)) for name in ("offset", "cosine", "sine")},
+    )
+    log = simulate(puma560.literature_arm(0.7), RIG, puma560.p_law(), path, duration=3.1)
+    log = dataclasses.replace(log, torque=None, current=None, true_q=None, true_qd=None)
+    names = [cause.name for cause in log.check().causes]
+    assert "turned error of all joints" not in names
+    turned = undo.turned_error(log, (0, 1), 1.0)
+    np.testing.assert_array_equal(score.Experiment(turned).tracking, 1.0)
