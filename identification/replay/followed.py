@@ -191,9 +191,7 @@ class Followed(Experiment):
                 change = drive.motor_torque(change) / drive.motor_gain
             columns[column] = getattr(record, column) + change
         copied.record = replace(record, **columns)
-        copied._tables = self._kernel.with_held(
-            self._tables, name, self.clock.bridged(columns[column])
-        )
+        copied._tables = self._kernel.with_column(self._tables, name, columns[column], self.clock)
         return copied
 
     def innovations(self, values: Floats) -> Floats:

@@ -8,9 +8,10 @@ import numpy as np
 
 from plant.compiler.kernel_cache import Kernel
 from plant.parts.fields import Floats
+from plant.simulation.clock import Clock
 from plant.simulation.closed_loop import ClosedLoop
 from plant.simulation.loop_source import loop_source
-from plant.simulation.time_tables import in_blocks, samples_of_law, time_tables
+from plant.simulation.time_tables import column_at, in_blocks, samples_of_law, time_tables
 
 K = TypeVar("K", bound="_Compiled")
 
@@ -191,24 +192,29 @@ class LoggedKernel(_Compiled):
         columns = self._columns(logged=False)["data"]
         return law, sample, step, np.ascontiguousarray(data[:, columns]), h
 
-    def with_held(self, tables: tuple[Any, ...], name: str, values: Floats) -> tuple[Any, ...]:
-        """The same tables with other values (M, n) of a field that is held between samples.
-
-        The field is the "injected" torque, or the "logged" column if it is a torque or a current.
-        """
+    def with_column(
+        self, tables: tuple[Any, ...], name: str, values: Floats, clock: Clock
+    ) -> tuple[Any, ...]:
+        """The same tables with other values (N, n) of the "injected" or the "logged" column."""
         law, sample, step, data, h = tables
         begin = self.loop.time_fields.at(self.loop.n)[name].start
 
-        def changed(table, block, repeats):
+        held = name == "injected" or not self.loop.law.interpolates
+        values_at = column_at(values, clock, held=held)
+
+        def changed(table, block, t, sample):
             # A kernel reads a few columns of a field, so each goes to the joint that it belongs to.
             joints = np.array(self._columns(logged=False)[block], int) - begin
             field = (joints >= 0) & (joints < self.loop.n)
             table = table.copy()
-            table[:, field] = np.repeat(values[:, joints[field]], repeats, axis=0)
+            table[:, field] = values_at(t, sample)[:, joints[field]]
             return table
 
-        sample = changed(sample, "sample", 1)
-        return law, sample, changed(step, "step", self.loop.steps_per_sample), data, h
+        steps = self.loop.steps_per_sample
+        places = np.arange(len(clock) * steps)
+        sample = changed(sample, "sample", clock.t, np.arange(len(clock)))
+        step = changed(step, "step", clock.middles(steps, places), places // steps)
+        return law, sample, step, data, h
 
     def parts(
         self, tables: tuple[Any, ...], samples: int

@@ -6,9 +6,11 @@ gaps; logged counts are on straight lines, and so is a torque whose law says so.
 """
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from plant.parts.fields import Floats
 from plant.simulation.clock import Clock
@@ -67,6 +69,19 @@ def samples_of_law(loop: ClosedLoop) -> int:
     return loop.steps_per_law // math.gcd(loop.steps_per_law, loop.steps_per_sample)
 
 
+def column_at(
+    values: Floats, clock: Clock, *, held: bool
+) -> Callable[[Floats, NDArray[Any]], Floats]:
+    """A function of times t (K,) [s] and their samples (K,) that reads a column (N, n) of a log.
+
+    Values are `held` from each sample to the next, or on straight lines between samples.
+    """
+    if not held:
+        return lambda t, sample: clock.between(values, t)
+    bridged = clock.bridged(values)
+    return lambda t, sample: bridged[sample]
+
+
 def in_blocks(
     loop: ClosedLoop,
     path: Path | Logged,
@@ -85,8 +100,11 @@ def in_blocks(
     # Only a reference can be the wrong one; counts fit any law.
     if isinstance(path, Path):
         path.require_fit(loop.law)
-    held = None if logged is None or loop.law.interpolates else clock.bridged(logged)
-    beside = None if injected is None else clock.bridged(injected)
+    replayed = {
+        name: column_at(values, clock, held=name == "injected" or not loop.law.interpolates)
+        for name, values in (("logged", logged), ("injected", injected))
+        if values is not None
+    }
     of_law = _law_steps(loop, clock)
     # One word and one draw per step of the law, for the whole run: blocks must not change them.
     words = transport.words(of_law) if transport is not None else np.empty(0)
@@ -107,10 +125,7 @@ def in_blocks(
             "pulses_r": pulses,
             "h": clock.step_lengths(steps, places),
         }
-        if logged is not None:
-            inputs["logged"] = clock.between(logged, t) if held is None else held[sample]
-        if beside is not None:
-            inputs["injected"] = beside[sample]
+        inputs |= {name: values_at(t, sample) for name, values_at in replayed.items()}
         if transport is not None:
             inputs["place"] = places % every
             inputs["lost"] = words[places // every]

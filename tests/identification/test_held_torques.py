@@ -2,10 +2,12 @@
 
 import dataclasses
 
+import numpy as np
 import pytest
 
 from ctc import ComputedTorque
 from identification import identify
+from identification.replay.prediction import Prediction
 from plant import LoggedCurrent, LoggedTorque, puma560, simulate
 
 
@@ -36,3 +38,17 @@ def test_what_is_stated_of_the_torque_stays():
     log = repeated(LoggedTorque(held=True), puma560.p_law())
     found = identify(puma560.dynamics(), log, progress=False, method="equation_error")
     assert found.records[0].law.held is True
+
+
+@pytest.mark.parametrize("law", [LoggedTorque(held=False), LoggedCurrent(held=False)])
+def test_a_torque_beside_an_interpolated_one_leaves_it_interpolated(law):
+    """Held, the torque of a faster loop would be another one."""
+    log = repeated(law, puma560.p_law())
+    dynamics = puma560.dynamics()
+    prediction = Prediction(dynamics, log, dynamics.names)
+    values = np.append(puma560.arm().f, prediction.nuisances)
+    alone = prediction.innovations(values)
+    none = prediction.beside([np.zeros(log.counts.shape)]).innovations(values)
+    np.testing.assert_allclose(none, alone, rtol=0, atol=1e-9 * np.abs(alone).max())
+    some = prediction.beside([np.ones(log.counts.shape)]).innovations(values)
+    assert np.abs(some - alone).max() > 0.1
