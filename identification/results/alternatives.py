@@ -89,8 +89,8 @@ class ArmHypothesis:
         Of the cause, "gear".
     sentence, remedy : str
         What is wrong, and what a user does about it. Their fields: `{each}`, the sizes by joint;
-        `{value}`, the first size in the unit of the model; `{scaled}`,
-        a common factor of all sizes; `{joint}`, `{size}` of a cause with a line per joint;
+        `{value}`, the first size in the unit of the model; `{joint}`, `{size}` of a cause with a
+        line per joint;
         `{freedom}`, `{chi_square}`, `{threshold}`.
     telling : str
         A measurement that distinguishes this cause from other ones, and from unknowns.
@@ -135,6 +135,9 @@ class ArmHypothesis:
         through counts lag by half a pulse: along them they are not tested.
     suspected : bool
         Whether it is tested only where another effect is a third of its threshold: it takes time.
+    minor : str
+        Field of `Tolerances` below a share of which its numbers give no warning, where they have no
+        tolerance of their own.
     gears : bool
         Whether each gear can have it once more; other causes do not follow it.
     shares : bool
@@ -173,6 +176,7 @@ class ArmHypothesis:
     scale: Callable[[Floats, Floats], Floats] | None = None
     timing: bool = False
     suspected: bool = False
+    minor: str = ""
     gears: bool = False
     shares: bool = False
     falling: bool = False

@@ -8,8 +8,6 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-import numpy as np
-
 from identification.equation_error.between_runs import BetweenRuns
 from identification.equation_error.least_squares import at_least
 from identification.replay.extended import joint_of
@@ -35,15 +33,11 @@ class DetectionSettings:
         The same in other units, as a multiple of the smallest detectable size of any joint.
     smallest : float
         Detectable size below which no number is printed, in the unit of the text.
-    scaled : float
-        Relative deviation of the friction of all joints from which on a common factor is mentioned,
-        and within which the ratios of the joints have to agree.
     """
 
     blind_percent: float = 100.0
     blind_factor: float = 1e4
     smallest: float = 1e-3
-    scaled: float = 0.08
 
 
 SETTINGS = DetectionSettings()
@@ -221,7 +215,6 @@ class Detection(Shown, Frozen):
         fields = {
             "each": each or "some resonance",
             "value": next(iter(sign.values.values()), 0.0),
-            "scaled": self._scaled(sign),
             "mean": (
                 "Identify each alone, and compare"
                 if self.mean is None
@@ -280,27 +273,6 @@ class Detection(Shown, Frozen):
                 "total": stated + value,  # fitted values are deviations from the stated ones
                 "per": numbers[kind].unit if kind in numbers else "",
             }
-
-    def _scaled(self, sign: Sign) -> str:
-        """A remark where one factor fits all friction, as if a wrong gain scaled all torques."""
-        # Ratio of fitted to stated friction, where some is stated.
-        ratios = [
-            1 + value / self.stated[name]
-            for name, value in sign.values.items()
-            if self.stated.get(name)
-        ]
-        # Two ratios may agree by chance.
-        factor = float(np.median(ratios)) if len(ratios) > 2 else 1.0
-        if (
-            not factor > 0
-            or abs(factor - 1) < SETTINGS.scaled
-            or np.abs(np.array(ratios) / factor - 1).max() > SETTINGS.scaled
-        ):
-            return ""
-        return (
-            f", or gains of law or motor are not: all of it is {factor:.2g} times as stated, so"
-            " check them first"
-        )
 
     def _visible(self, sign: Sign) -> str:
         """An alternative, and the smallest size of it that the log would show."""

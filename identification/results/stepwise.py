@@ -297,7 +297,7 @@ class _Search:
         estimates = [_with_values(sign, self.at) for sign in named]
         return Detection(
             signs=tuple(initial),
-            named=tuple(sign for sign in estimates if not self._tolerated(sign.values)),
+            named=tuple(sign for sign in estimates if not self._tolerated(sign)),
             stated=stated,
             joints=self.joints,
             slides=self.slides,
@@ -331,12 +331,14 @@ class _Search:
                     fit = refit.at.model, refit.at.values, refit.step
                     yield _Accepted(self, point, refit.sign, fit)
 
-    def _tolerated(self, values):
+    def _tolerated(self, sign):
         """Whether all values are small against their tolerances, which the intervals count."""
         # The usual size of each is the standard deviation that `Tolerances` give it.
-        usual = priors(self._tolerances, values, self._efforts)
-        return bool(values) and all(
-            abs(value) < SETTINGS.minor * usual.get(name, 0.0) for name, value in values.items()
+        usual = priors(self._tolerances, sign.values, self._efforts)
+        others = getattr(self._tolerances, BY_NAME[sign.name].minor, 0.0)
+        return bool(sign.values) and all(
+            abs(value) < SETTINGS.minor * usual.get(name, others)
+            for name, value in sign.values.items()
         )
 
     def doubt(self):

@@ -154,7 +154,7 @@ HYPOTHESES = (
     # All friction is one cause; the text lists its numbers. Motor side [N m s/rad, N m].
     ArmHypothesis(
         name="friction",
-        sentence="friction is not the rig's{scaled}: {each}",
+        sentence="friction is not the rig's: {each}",
         remedy="Add these numbers to unknown (drive.viscous[0] and so on)",
         telling="log slower and faster motion as well",
         title="other friction",
@@ -228,12 +228,32 @@ HYPOTHESES = (
         refit=moved,
         spread=0.05,
     ),
-    # Torques that are all too large by one share show as other friction.
+    # Under a law it acts where the amplifier limits the torque alone, and f takes over what it does
+    # to logged currents: a test would find either.
     ArmHypothesis(
         name="motor gain",
-        # f and friction scale with it: a test would always find what they take over.
         numbers=(Number.share("motor_gain", "drive.motor_gain"),),
         test=untested,
+    ),
+    # Torques that are all too large by one share show as other friction. A gain acts on both kinds
+    # of friction of its joint, so it explains them with half as many numbers.
+    ArmHypothesis(
+        name="gain",
+        sentence="friction is not the rig's, or gains of law or motor are not: gains {each} and the"
+        " stated friction explain the log",
+        remedy="Check the gains first; where they are right, add drive.viscous[0],"
+        " drive.coulomb[0] and so on to unknown",
+        telling="block a motor at a known error: its torque is the gain times the error",
+        biased=True,
+        title="other gains",
+        unit="%",
+        convert=_percent,
+        # Of a law without memory.
+        numbers=(Number.share("law", "law", of_joints=False),),
+        signed=True,
+        minor="friction",
+        refit=moved,
+        spread=0.3,
     ),
     # The time constant of the currents [s].
     ArmHypothesis(
@@ -258,12 +278,6 @@ HYPOTHESES = (
         timing=True,
         refit=moved,
         spread=1e-3,
-    ),
-    # Gains of a law without memory.
-    ArmHypothesis(
-        name="law gain",
-        numbers=(Number.share("law", "law", of_joints=False),),
-        test=untested,
     ),
     ArmHypothesis(
         name="delay",

@@ -273,32 +273,6 @@ def test_signs_are_named_where_a_sampled_law_tells_the_torque():
     ]
 
 
-def said_of(factors):
-    stated = {"viscous[0]": 0.001, "viscous[1]": 0.002, "coulomb[0]": 0.1, "coulomb[1]": 0.2}
-    values = {
-        name: (factor - 1) * stated[name] for name, factor in zip(stated, factors, strict=True)
-    }
-    sign = Sign(
-        name="friction",
-        chi_square=99.0,
-        freedom=4,
-        threshold=28.0,
-        explained=1.0,
-        values=values,
-        visible={},
-    )
-    return next(Detection(named=(sign,), stated=stated, joints=("a", "b")).warnings())
-
-
-def test_friction_that_is_off_by_one_factor_asks_for_gains_first():
-    text = (
-        "or gains of law or motor are not: all of it is 0.81 times as stated, so check them first"
-    )
-    assert text in said_of((0.80, 0.82, 0.78, 0.81))
-    for other in ((0.9, 0.9, 1.1, 1.1), (1.02, 1.01, 1.02, 1.03)):
-        assert "gains" not in said_of(other)
-
-
 def test_a_cause_that_explains_nearly_as_much_is_told():
     values = {"offset[0]": 0.02, "offset[1]": 0.0}
     sign = Sign(

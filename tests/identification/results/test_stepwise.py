@@ -274,6 +274,19 @@ def test_friction_that_is_not_the_rigs_comes_with_its_values():
     assert quick(log(**FRICTION), unknown=unknown).diagnostics.detection.names == ()
 
 
+def test_gains_that_are_wrong_are_named_before_friction_that_explains_as_much():
+    record = dataclasses.replace(
+        log(), law=puma560.p_law((0.8 * LOW[0], 1.25 * LOW[1])), torque=None, current=None
+    )
+    gain, *_ = quick(record).diagnostics.detection.named
+    assert gain.name == "gain"
+    assert gain.values == {
+        "law.gain[0]": pytest.approx(0.25, abs=0.02),
+        "law.gain[1]": pytest.approx(-0.2, abs=0.02),
+    }
+    assert gain.others[0][0] == "friction"
+
+
 @pytest.mark.slow
 def test_nothing_contradicts_a_model_whose_gears_give_and_whose_stiffness_is_unknown():
     """The rig states 56 Hz, as the detection would; the robot has 60."""
