@@ -16,6 +16,7 @@ import casadi as ca
 import numpy as np
 
 from identification.equation_error.prior import Prior, PriorRows
+from identification.equation_error.torque_logs import between_samples
 from identification.replay.prediction import Prediction
 from identification.replay.residual import Stacked
 from identification.replay.timing import without_delay
@@ -136,8 +137,12 @@ class Extended(Stacked):
     name. `gains`, `gain_steps` (2n,): observer gains to begin with, and steps of their central
     differences. `gain_bounds` (2n, 2). `least` (e,): the least that each of `extra` can be.
     `weights`, `scales` (M,): as of `Prediction`. `rounding` (M,): innovations that the rounding of
-    counts causes, which the loop felt and this model omits; zero unless set.
+    counts causes, which the loop felt and this model omits; zero unless set. `between`: sum of
+    squares [pulses^2] of those that a torque may cause between its samples, where these are of a
+    faster loop.
     """
+
+    between = 0.0
 
     def __init__(
         self,
@@ -215,7 +220,19 @@ class Extended(Stacked):
         model.scales = self.scales
         model.rounding = self.rounding
         model.prior = self.prior
+        model.between = self.between
         return model
+
+    def read_between(self, values: Floats) -> None:
+        """Find `between` at these values."""
+        torques = [between_samples(record) for record in self.records]
+        if any(torque is not None for torque in torques):
+            torques = [
+                np.zeros(record.counts.shape) if torque is None else torque
+                for record, torque in zip(self.records, torques, strict=True)
+            ]
+            change = self.pushed(torques).innovations(values) - self.innovations(values)
+            self.between = float((change**2).sum())
 
     def pushed(self, torques: Sequence[Floats]) -> "Extended":
         """The same model, with torques (N, n) [N m] along each record beside those of its law."""

@@ -213,6 +213,7 @@ class _Search:
         # The weight of the prior depends on the variance of the innovations.
         if model.prior.settle(optimum.unit(optimum.innovations)):
             optimum = fitted(model, optimum.values, step, bounds)
+        model.read_between(optimum.values)
         self._initial = optimum
 
         # 3. Properties of the records that the tests need.

@@ -25,6 +25,7 @@ from identification.equation_error.regressor import SPRINGS, linear
 from identification.equation_error.stated_law import noise_of_torque
 from identification.equation_error.torque_error import torque_error
 from identification.equation_error.torque_fit import TorqueFit
+from identification.equation_error.torque_logs import between_samples
 from identification.equation_error.torque_summary import SETTINGS as TORQUE_WARNINGS
 from identification.replay.experiment import RATES
 from identification.replay.gauss_newton import (
@@ -392,13 +393,16 @@ def from_inside(
 def _with_torque_noise(outcome, problem, prediction, solution):
     """An outcome with the noise of the repeated torques, and the innovations that it causes.
 
-    These are simulated, beside other noise of the same size.
+    These are simulated, beside other noise of the same size; between the samples of a faster loop,
+    beside the error of a line between them.
     """
     random = np.random.default_rng(problem.seed)
     noises = [noise_of_torque(record) for record in problem.objective.records]
     torques = [
-        noise * random.normal(size=record.counts.shape)
-        for noise, record in zip(noises, problem.records, strict=True)
+        noise * random.normal(size=record.counts.shape) if between is None else between
+        for noise, record, between in zip(
+            noises, problem.records, map(between_samples, problem.records), strict=True
+        )
     ]
     beside = prediction.beside(torques).innovations(solution.values)
     change = beside * prediction.scales - solution.residual

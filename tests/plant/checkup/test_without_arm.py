@@ -299,6 +299,7 @@ def test_a_changed_torque_is_compared_with_its_own_motion_alone(record, monkeypa
     assert calls == ["_regression"]
 
 
+@pytest.mark.filterwarnings("ignore:joint q")
 def test_counts_that_rest_beside_their_reference_do_not_turn_the_error():
     """A path in degrees takes the amplifier to its limit: turned, the counts move twice as far."""
     scale = 180 / np.pi
