@@ -191,7 +191,9 @@ class Followed(Experiment):
                 change = drive.motor_torque(change) / drive.motor_gain
             columns[column] = getattr(record, column) + change
         copied.record = replace(record, **columns)
-        copied._tables = self._kernel.with_column(self._tables, name, columns[column], self.clock)
+        copied._tables = self._kernel.with_column(
+            self.loop, self._tables, name, columns[column], self.clock
+        )
         return copied
 
     def innovations(self, values: Floats) -> Floats:

@@ -193,13 +193,14 @@ class LoggedKernel(_Compiled):
         return law, sample, step, np.ascontiguousarray(data[:, columns]), h
 
     def with_column(
-        self, tables: tuple[Any, ...], name: str, values: Floats, clock: Clock
+        self, loop: ClosedLoop, tables: tuple[Any, ...], name: str, values: Floats, clock: Clock
     ) -> tuple[Any, ...]:
         """The same tables with other values (N, n) of the "injected" or the "logged" column."""
         law, sample, step, data, h = tables
         begin = self.loop.time_fields.at(self.loop.n)[name].start
 
-        held = name == "injected" or not self.loop.law.interpolates
+        # The law of this loop: loops of one structure share a kernel, and may hold torques or not.
+        held = name == "injected" or not loop.law.interpolates
         values_at = column_at(values, clock, held=held)
 
         def changed(table, block, t, sample):

@@ -158,13 +158,11 @@ def test_a_loop_that_hunts_by_counts_is_described_and_not_doubted(gain, lag, hun
     other = dataclasses.replace(
         simulate(arm, worn, P(gain=gain), path, duration=3.0, steps_per_sample=16), rig=rig
     )
-    for wrong in (
-        other,
-        dataclasses.replace(record, law=P(gain=0.7 * np.array(gain)), torque=None, current=None),
-    ):
+    lower = dataclasses.replace(record, law=P(gain=0.7 * np.array(gain)), torque=None, current=None)
+    for wrong, cause in ((other, "friction"), (lower, "gain")):
         with pytest.warns(IdentificationWarning):
             doubted = identify(arm.dynamics, wrong, method="prediction_error", progress=False)
-        assert doubted.diagnostics.detection.names == ("friction",)  # so gains look, too
+        assert doubted.diagnostics.detection.names == (cause,)
 
 
 def test_what_is_named_is_not_blamed_on_the_rest_of_the_rig():

@@ -74,6 +74,7 @@ def test_a_rigid_robot_is_accused_of_nothing(rigid):
         "backlash",
         "offset",
         "gear",
+        "gain",
         "cogging",
         "lead",
         "drift",
