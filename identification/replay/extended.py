@@ -225,12 +225,12 @@ class Extended(Stacked):
 
     def read_between(self, values: Floats) -> None:
         """Find `between` at these values."""
-        torques = [between_samples(record) for record in self.records]
-        if any(torque is not None for torque in torques):
-            torques = [
-                np.zeros(record.counts.shape) if torque is None else torque
-                for record, torque in zip(self.records, torques, strict=True)
-            ]
+        changes = map(between_samples, self.records)
+        torques = [
+            np.zeros(record.counts.shape) if change is None else change
+            for record, change in zip(self.records, changes, strict=True)
+        ]
+        if any(map(np.any, torques)):
             change = self.pushed(torques).innovations(values) - self.innovations(values)
             self.between = float((change**2).sum())
 
