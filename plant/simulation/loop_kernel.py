@@ -82,7 +82,7 @@ class _Compiled:
     def _run(self, name, tables, initial, lanes, uniform, logs):
         """Final states, and the number of sub-steps done; the logs are filled."""
         program = self.program(name)
-        *columns, h = tables
+        law, sample, step, data, h = tables
         states, width = initial.shape
         # Rows begin where cache lines of 64 bytes do.
         space = np.empty(program.rows * width + _CACHE_LINE)
@@ -90,8 +90,8 @@ class _Compiled:
         memory = space[first : first + program.rows * width].reshape(-1, width)
         memory[:states] = initial
         memory[states : states + len(lanes)] = lanes
-        steps = len(columns[-2])
-        done = program.kernel.call(name, memory, np.append(uniform, h), *columns, *logs, steps)
+        arrays = np.append(uniform, h), law, sample, step, data
+        done = program.kernel.call(name, memory, *arrays, *logs, len(step))
         return memory[:states].copy(), done
 
     def prepared(self, tables, *, logged=False):
