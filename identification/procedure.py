@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 
 from identification.equation_error.excitation import advice, from_prior
 from identification.equation_error.naming import record_label
+from identification.equation_error.own_rows import tried
 from identification.equation_error.prior import Prior
 from identification.equation_error.restated import wrong_statements
 from identification.preparation import prepare, with_gears
@@ -26,6 +27,7 @@ from identification.search.methods import METHODS
 from identification.search.outcome import Outcome, Search
 from identification.search.problem import Problem, Tolerances
 from plant import Dynamics, Record
+from plant.checkup.hypothesis import Hypothesis
 from plant.parts.arguments import instance, known_options
 from plant.parts.checkpoint import Checkpoint
 from plant.parts.messages import ProgressBar, progress_bar, warn
@@ -51,6 +53,7 @@ def identify(
     elasticity: bool = False,
     tolerances: Tolerances | None = None,
     prior: Any = None,
+    hypotheses: Sequence[Hypothesis[Any]] = (),
     checkpoint: str | Path | Checkpoint | None = None,
 ) -> Identification:
     """Find the parameters with which the model repeats the tracking errors of the robot.
@@ -117,6 +120,11 @@ def identify(
         one `Body` per link; or ``(f, 0.3)``. The result lists the combinations of f that come from
         it (``found.fit.prior``). By default the chain's own bodies, to 0.3, and only where a joint
         hardly moves, or no arm follows from the log alone; that is a warning.
+    hypotheses : sequence of Hypothesis
+        Mistakes of your own in the first record, as ``record.check(hypotheses=...)`` takes them;
+        here the equation of motion of the arm judges them too. Those that explain the log better
+        are among ``found.causes``; one that changes nothing, or cannot be undone in this log, is
+        named in ``found.failed`` and left out.
     checkpoint : str or Path, optional
         File in which finished stages are stored: killed and called again with it, the work goes on,
         to the same bits. A file of other inputs, versions or another processor is refused.
@@ -182,7 +190,7 @@ def identify(
         # The stored stages are bound to the inputs: a change of any refuses the file.
         with Checkpoint(checkpoint, "identify").bind(lambda: problem.inputs) as stored:
             problem = replace(problem, checkpoint=stored)
-            result = _identified(problem, bar, started)
+            result = _with_own_rows(problem, hypotheses, bar, started)
         # Once, at the end: `_identified` calls itself for the fallback.
         with _part(bar, "warnings"):
             warn_of_doubts(result, "identify")
@@ -195,6 +203,22 @@ _SHARES = {"the logs": 0.1, "search": 0.45, "tests of the rig": 0.35, "warnings"
 
 def _part(bar: ProgressBar, name: str) -> contextlib.AbstractContextManager[None]:
     return bar.part(_SHARES[name], name)
+
+
+def _with_own_rows(
+    problem: Problem, hypotheses: Sequence[Hypothesis[Any]], bar: ProgressBar, started: float
+) -> Identification:
+    """Identify, and rank a user's own hypotheses; a refusal begins with the likeliest of them."""
+    if not hypotheses:
+        return _identified(problem, bar, started)
+    causes, failed = tried(problem.dynamics, problem.records[0], hypotheses)
+    try:
+        result = _identified(problem, bar, started)
+    except ValueError as error:
+        if not causes:
+            raise
+        raise ValueError(f"{causes[0].line} Correct that first; as it is, {error}") from error
+    return replace(result, own_causes=causes, failed=failed)
 
 
 def _identified(problem: Problem, bar: ProgressBar, started: float) -> Identification:

@@ -165,7 +165,7 @@ def contradictions(
         return ()
     result = ranking(
         equation,
-        functools.partial(_candidates, hypotheses=hypotheses),
+        functools.partial(candidates_of, hypotheses=hypotheses),
         tuple(equation.dynamics.chain.joint_labels),
         # Of two mistakes at once the second is found beside the first.
         SelectionSettings(causes=2),
@@ -184,7 +184,7 @@ def contradictions(
     )
 
 
-def _candidates(
+def candidates_of(
     equation: TorqueEquation, hypotheses: tuple[Hypothesis[TorqueEquation], ...] = HYPOTHESES
 ) -> Iterator[Candidate]:
     """Every restatement of an equation, with its log odds."""

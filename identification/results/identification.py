@@ -51,6 +51,10 @@ class Identification(PredictsTorque, Shown, Saved, Frozen):
         Method, settings and course of the search.
     diagnostics : Diagnostics
         How well the values repeat the records.
+    own_causes : tuple of Cause
+        Hypotheses of the user's that explain the first record better, the likeliest first.
+    failed : tuple of str
+        Hypotheses of the user's that could not be tried, with the reason, a line each.
 
     See Also
     --------
@@ -79,6 +83,8 @@ class Identification(PredictsTorque, Shown, Saved, Frozen):
     fit: Fit
     search: Search
     diagnostics: Diagnostics
+    own_causes: tuple[Cause, ...] = ()
+    failed: tuple[str, ...] = ()
 
     def provenance(self) -> dict[str, Any]:
         """Logs by their fingerprints, method, seed and warnings, and versions of the software."""
@@ -283,9 +289,11 @@ class Identification(PredictsTorque, Shown, Saved, Frozen):
     def causes(self) -> tuple[Cause, ...]:
         """What contradicts the first record, its rig or its law, the likeliest first.
 
-        Mistakes in columns, then in signs and gravity, whatever f is; then effects that the rig
-        does not model.
+        Mistakes in columns, then in signs and gravity, whatever f is, or in their place those of
+        the user's own hypotheses; then effects that the rig does not model.
         """
+        if self.own_causes:
+            return (*self.own_causes, *self.diagnostics.detection.causes)
         record = self.records[0]
         of_log: tuple[Cause, ...] = ()
         # A checkup takes time, and accuses no log that nothing else doubts.

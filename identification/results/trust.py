@@ -126,6 +126,10 @@ def warnings_of(identification: Any) -> dict[str, bool]:
     case = _Case.of(identification)
     # The names of the causes document the order; lines have no names.
     lines = {line: check not in _ALWAYS for _, check in _CHECKS for line in check(case)}
+    # Rows that could not be tried are listed, and doubt no value.
+    lines |= dict.fromkeys(identification.failed, False)
+    if identification.own_causes:
+        return dict.fromkeys((cause.line for cause in identification.own_causes), True) | lines
     record = identification.records[0]
     further = identification.records[1:]
     dynamics = identification.arm.dynamics

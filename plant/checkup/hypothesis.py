@@ -14,6 +14,7 @@ from typing import Any, Generic, NamedTuple, TypeVar
 
 import numpy as np
 
+from plant.parts.kinds import kept
 from plant.parts.shown import Piece, Shown, Verdict
 
 Experiment = TypeVar("Experiment")
@@ -132,6 +133,7 @@ class Candidate(NamedTuple):
     words: Mapping[str, str] = {}
 
 
+@kept
 class Rival(NamedTuple):
     """A cause that the log distinguishes less clearly from the first: its name, joints, odds."""
 
@@ -148,6 +150,7 @@ def _power(log_odds: float) -> str:
     return f"1e{power:.0f}" if power < 100 else "over 1e99"
 
 
+@kept
 @dataclass(frozen=True, kw_only=True, repr=False)
 class Cause(Shown):
     """A mistake that a log shows, in its place in the ranked list.

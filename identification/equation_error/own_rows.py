@@ -1,0 +1,76 @@
+"""Hypotheses of a user's own about a record: scored with an arm, and as `record.check()` does.
+
+A row changes a record. The torque equation of the changed record judges it with an arm, beside the
+rows of `restated`; `record.check()` judges the others without one, beside the rows of its table.
+"""
+
+import functools
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from identification.equation_error.restated import candidates_of
+from identification.equation_error.stated_equation import TorqueEquation
+from plant import Dynamics, Record
+from plant.checkup.hypothesis import Cause, Hypothesis, ranking
+from plant.checkup.score import Experiment
+from plant.checkup.trials import Trials
+
+
+class Tried(NamedTuple):
+    """Causes that are rows of a user's own, the likeliest first, and rows that were left out.
+
+    `failed`: a line for each row that changes
+    nothing, or that failed, with the reason.
+    """
+
+    causes: tuple[Cause, ...]
+    failed: tuple[str, ...]
+
+
+class _WithArm(Experiment):
+    """A record whose score is the log likelihood of its torque equation."""
+
+    def __init__(self, record: Record, base: Any = None, dynamics: Any = None) -> None:
+        super().__init__(record, base)
+        self.dynamics = base.dynamics if base is not None else dynamics
+
+    @functools.cached_property
+    def equation(self) -> TorqueEquation | None:
+        """The torque equation; None without a torque, or in too short a log."""
+        return TorqueEquation.of(self.dynamics, self.record)
+
+    @property
+    def score(self) -> float:
+        """Log likelihood of the log beside the equation of motion of its arm."""
+        return -np.inf if self.equation is None else self.equation.evidence
+
+
+def tried(dynamics: Dynamics, record: Record, hypotheses: Sequence[Hypothesis[Any]]) -> Tried:
+    """Rank the hypotheses of a user's own, without an arm and then with one."""
+    by_name = {hypothesis.name: hypothesis for hypothesis in hypotheses}
+    # 1. With the arm, which knows most. Evidence of a row's own, and times, are the checkup's.
+    trials = Trials([replace(row, evidence=None, check="") for row in hypotheses])
+
+    def candidates(experiment):
+        if isinstance(experiment, TorqueEquation):
+            yield from candidates_of(experiment)
+        elif experiment.equation is not None:
+            yield from trials(experiment)
+            # Beside the library's rows, so that none takes the place of a likelier mistake.
+            yield from candidates_of(experiment.equation)
+
+    labels = tuple(dynamics.chain.joint_labels)
+    ranked = ranking(_WithArm(record, dynamics=dynamics), candidates, labels)
+    causes = {cause.name: cause for cause in ranked.causes if cause.name in by_name}
+    for experiment in ranked.experiments:
+        if isinstance(experiment, _WithArm):
+            record = experiment.record
+
+    # 2. The others as the checkup judges them, by the law and the reference too.
+    checkup = record.check(hypotheses=[row for row in hypotheses if row.name not in causes])
+    causes |= {cause.name: cause for cause in checkup.causes if cause.name in by_name}
+    failed = {f"{name}: {reason}": None for name, reason in trials.failed.items()}
+    return Tried((*causes.values(),), (*(failed | dict.fromkeys(checkup.failed)),))
