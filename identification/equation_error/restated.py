@@ -96,6 +96,17 @@ HYPOTHESES = (
         against=10.0,
         unit="%",
     ),
+    # The torque of a law drives the motor, friction and all.
+    Hypothesis(
+        name="overstated friction",
+        sentence="friction is not the rig's: it is {value:.1g} % of the torque that the law"
+        " commands, far less than stated",
+        remedy="Correct the friction of the drive, or leave it open (None)",
+        undo=undo.without_friction,
+        evidence=undo.overstated,
+        against=10.0,
+        unit="%",
+    ),
     Hypothesis(
         name="joint zero",
         sentence="the zero of {joint} is {value:+.0f} degrees off",
@@ -152,8 +163,17 @@ HYPOTHESES = (
     ),
 )
 
-# Statements that are always tried; the others where much is left.
-_ALWAYS = ("gravity direction", "joint sign", "sign of the torques", "torques without friction")
+# Statements that are always tried; the others where much is left. f of any value takes over a small
+# tilt, and a zero of some arms, but the stated bodies do not.
+_ALWAYS = (
+    "gravity direction",
+    "joint sign",
+    "sign of the torques",
+    "torques without friction",
+    "overstated friction",
+    "tilted base",
+    "joint zero",
+)
 
 
 def contradictions(

@@ -81,15 +81,23 @@ def levelled(equation, joints, size):
 
 
 def without_friction(equation, joints, size):
-    """Torques that are known to have no friction in them."""
+    """Torques whose friction is known to be less than the stated one."""
     return replace(equation, frictionless=True).with_columns(equation.columns, equation.needed)
 
 
 def frictionless(equation, joints):
-    """Share of the torques [%] that is friction, and the odds for none."""
+    """Share of logged torques [%] that is friction, and the odds for none."""
+    return () if equation.commanded else _less_friction(equation)
+
+
+def overstated(equation, joints):
+    """The same of the torques of a law, which drive the motors, friction and all."""
+    return _less_friction(equation) if equation.commanded else ()
+
+
+def _less_friction(equation):
     stated = SETTINGS.usual if equation.rig.drive.left_open else equation.braking
-    # The torque of the law drives the motor, friction and all.
-    if equation.frictionless or equation.constant or stated < SETTINGS.braked:
+    if equation.frictionless or stated < SETTINGS.braked:
         return
     share = max(abs(equation.fitted.power), 1e-3)
     if share < stated:

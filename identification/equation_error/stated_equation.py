@@ -123,7 +123,8 @@ class TorqueEquation:
     joints whose torque is any that friction can carry. `unit` (n,): of the torques that are left,
     by default their rms. `gravity`: factor of the stated gravity. `tilt` (2,): angles [rad] about
     the level axes by which the base is tilted; None as stated. `constant`: whether each torque has
-    an unknown constant. `frictionless`: whether the torques are known to have no friction in them.
+    an unknown constant. `commanded`: whether the torque is that of the law, none was logged.
+    `frictionless`: whether it is known to have less friction in it than the rig states.
     """
 
     dynamics: Dynamics
@@ -136,6 +137,7 @@ class TorqueEquation:
     gravity: float = 1.0
     tilt: Floats | None = None
     constant: bool = False
+    commanded: bool = False
     frictionless: bool = False
     unit: Floats | None = None
 
@@ -166,6 +168,7 @@ class TorqueEquation:
             rows=rows[:: max(1, len(rows) * record.n // SETTINGS.equations)],
             weightless=hardly_moving(record),
             constant=sampled,
+            commanded=not logged,
         )
 
     @classmethod

@@ -1,12 +1,11 @@
-"""A sign of the chain that is wrong is named, as is a gain where friction is off by one factor;
-right logs are not.
-"""
+"""A statement of the chain or of the log that the torques contradict is named; right logs are not."""
 
 import dataclasses
 from functools import cache
 
 import numpy as np
 import pytest
+from packaged_arms import elbow_of_a_ur5e
 from random_rigs import drawn
 
 from identification.equation_error.regressor import regressor_along
@@ -14,7 +13,19 @@ from identification.equation_error.restated import contradictions, restated
 from identification.equation_error.stated_equation import TorqueEquation
 from identification.results.alternatives import Sign
 from identification.results.detection import Detection
-from plant import PID, Body, Chain, Dynamics, Harmonics, Link, Placement, Spline, puma560, simulate
+from plant import (
+    PID,
+    Body,
+    Chain,
+    Dynamics,
+    Harmonics,
+    Link,
+    P,
+    Placement,
+    Spline,
+    puma560,
+    simulate,
+)
 from plant.motion.reference import Motion
 
 CHAIN = Chain(links=(Link(name="2", alpha=-np.pi / 2), Link(name="3", a=puma560.LINK_LENGTH)))
@@ -146,6 +157,50 @@ def test_a_base_that_is_tilted_is_named_with_its_angle():
     cause, *_ = restated(Dynamics.from_chain(leaning.with_rotors(record.rig.drive)), record)
     assert (cause.name, cause.joints) == ("tilted base", ())
     assert cause.size == pytest.approx(45, abs=5)
+
+
+def elbow():
+    """Shoulder lift and elbow of a UR5e, and a run of them; f of any value takes gravity over."""
+    chain, rig = elbow_of_a_ur5e("fix")
+    dynamics = Dynamics.from_chain(chain.with_rotors(rig.drive))
+    path = Harmonics(
+        period=2.7,
+        offset=(0.1, -0.1),
+        cosine=((0.3, 0.1), (0.2, -0.15)),
+        sine=((-0.2, 0.1), (0.3, 0.1)),
+    )
+    record = simulate(dynamics.arm(dynamics.f()), rig, P(gain=(0.042, 0.0153)), path)
+    return chain, dynamics, record
+
+
+def test_what_f_takes_over_contradicts_the_stated_bodies():
+    """A tilt of the base by 15 degrees, and a zero by a right angle: little is left of either."""
+    chain, dynamics, record = elbow()
+    assert restated(dynamics, record) == ()
+    angle = np.deg2rad(15)
+    gravity = (9.81 * np.sin(angle), 0, -9.81 * np.cos(angle))
+    leaning = dataclasses.replace(chain, gravity=gravity).with_rotors(record.rig.drive)
+    equation = TorqueEquation.of(dynamics, record)
+    q = equation.motion.q + np.array([0.0, np.pi / 2])
+    turned = dataclasses.replace(equation, motion=equation.motion._replace(q=q))
+    tilted = TorqueEquation.of(Dynamics.from_chain(leaning), record)
+    assert max(tilted.left, turned.left) < 0.02
+    cause, *_ = contradictions(tilted)
+    assert (cause.name, cause.size) == ("tilted base", pytest.approx(15, abs=3))
+    cause, *_ = contradictions(turned)
+    assert (cause.name, cause.joints, cause.size) == ("joint zero", (1,), 90.0)
+
+
+def test_friction_of_the_other_side_of_the_gears_is_named_beside_the_torque_of_a_law():
+    """It is the rig that is wrong: what a law commands drives the motors, friction and all."""
+    drive = log().rig.drive
+    joint_side = dataclasses.replace(drive, viscous=drive.viscous * drive.gear**2)
+    rig = dataclasses.replace(log().rig, drive=joint_side)
+    record = dataclasses.replace(log(), rig=rig, torque=None, current=None)
+    (cause,) = restated(DYNAMICS, record)
+    assert cause.name == "overstated friction"
+    logged = dataclasses.replace(log(), rig=rig)
+    assert restated(DYNAMICS, logged)[0].name == "torques without friction"
 
 
 def test_a_torque_without_friction_is_named():
