@@ -5,6 +5,8 @@ Of wide backlash only the instants at which it acts are known.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -14,9 +16,12 @@ from identification.replay.optimum import Optimum
 from identification.results.assumed import smoothed
 from plant import Record
 from plant.compiler.background import shared_out
+from plant.laws.pid import variants
 from plant.laws.replayed import commanded_torque
+from plant.laws.resumed import AlongLog
 from plant.mechanics.newton_euler import lumped_torque
 from plant.parts.fields import Floats
+from plant.simulation.law_run import run_law
 
 CYCLES = 24  # of a motor's cogging per turn, at most
 
@@ -66,6 +71,36 @@ def lead(at: Optimum) -> dict[str, list[Floats]]:
         f"lead[{i}]": [rate * joint for rate in rates]
         for i, joint in enumerate(np.eye(at.model.dynamics.n))
     }
+
+
+def other_variants(at: Optimum) -> dict[str, list[Floats]]:
+    """Torques (N, n) [N m] along each record by which each variant of its law differs.
+
+    Of laws that read their log: ``variant.integration='forward'``, which is 1 where that made it.
+    """
+    laws: list[Any] = [record.law for record in at.model.records]
+    if not all(
+        isinstance(record.law, AlongLog) and record.law.period == record.rig.period
+        for record in at.model.records
+    ):
+        return {}
+    stated = [run_law(record).given for record in at.model.records]
+    torques: dict[str, list[Floats]] = {}
+    for record, law, given in zip(at.model.records, laws, stated, strict=True):
+        for text, variant in variants(law.law).items():
+            of_variant = replace(law, law=variant, state=_begun_as(law, variant, record.n))
+            change = run_law(replace(record, law=of_variant)).given - given
+            torques.setdefault(f"variant.{text}", []).append(change)
+    # Records of different laws have no common variant.
+    return {name: rows for name, rows in torques.items() if len(rows) == len(laws)}
+
+
+def _begun_as(law, variant, n):
+    """State (s,) of a variant that began as a law did; what that has not begins by itself."""
+    begins = variant.fields.read(variant.initial_state(n), n)._asdict()
+    memory = law.law.fields.read(law.state, n)._asdict()
+    common = {name: memory.get(name, value) for name, value in begins.items()}
+    return variant.fields.write(n, **common)
 
 
 def drift(at: Optimum) -> dict[str, list[Floats]]:

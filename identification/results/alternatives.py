@@ -48,6 +48,8 @@ class ScoreTestSettings:
     shortest, longest : float
         Relative errors of a length between which it is tried: a smaller one is rounding, and a
         larger one is beyond a linear estimate.
+    share_of_variant : float
+        Distance from 1 of the share of a variant of a law that a log may show; chosen by hand.
     reversal_samples : int
         Samples at which a load changes sign that the test of reversals needs.
     reversal_ratio : float
@@ -67,6 +69,7 @@ class ScoreTestSettings:
     delay: float = 0.05
     shortest: float = 0.05
     longest: float = 0.5
+    share_of_variant: float = 0.3
     reversal_samples: int = 30
     reversal_ratio: float = 3.0
     unexplained: float = 1e-3
@@ -256,8 +259,8 @@ class Sign(Shown, Frozen):
     ----------
     name : str
         "compliance", "backlash", "lag", "delay", "friction", "offset" of torques, "gear",
-        "cogging", "length" of a link, "lead" of a law's torque, "reversals" of the load, or
-        "disagreement": of the records with each other.
+        "cogging", "length" of a link, "lead" of a law's torque, "variant" of a law, "reversals" of
+        the load, or "disagreement": of the records with each other.
     chi_square : float
         Decrease of the sum of squared innovations with it, in units of their variance, which counts
         that they are not independent.
@@ -520,6 +523,21 @@ def effect_of_length(at: Optimum, name: str) -> Floats:
     # By a difference, as the model has no length as a number.
     longer_model = at.model.of(longer(at.model.dynamics)[name])
     return (longer_model.innovations(at.values) - at.innovations) / SHARE
+
+
+def variant(hypothesis: ArmHypothesis, point: Point) -> Iterator[Sign]:
+    """The sign of the one variant of the law that explains most, if it does so as a whole."""
+    rows = {name: row for name, row in point.testable.items() if hypothesis.has(name)}
+    signs = [
+        sign
+        for name, row in rows.items()
+        for sign in linear(hypothesis, point, {name: row}, len(rows))
+    ]
+    # A share of a variant is something else: a gain, or a delay.
+    whole = [
+        sign for sign in signs if abs(sum(sign.values.values()) - 1) < SETTINGS.share_of_variant
+    ]
+    yield from sorted(whole, key=lambda sign: -sign.chi_square)[:1]
 
 
 def untested(hypothesis: ArmHypothesis, point: Point) -> Iterator[Sign]:

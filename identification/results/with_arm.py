@@ -8,7 +8,7 @@ the tolerances of their numbers. A new cause is a new row here.
 import numpy as np
 
 from identification.replay.extended import Number
-from identification.results.along_log import CYCLES, cogging, drift, lead
+from identification.results.along_log import CYCLES, cogging, drift, lead, other_variants
 from identification.results.alternatives import (
     ArmHypothesis,
     disagreement,
@@ -19,6 +19,7 @@ from identification.results.alternatives import (
     playing,
     reversals,
     untested,
+    variant,
 )
 from identification.results.refits import in_time, lengthened, moved, played, pushed, sprung
 from plant.mechanics.lumping import LOAD
@@ -329,6 +330,23 @@ HYPOTHESES = (
         least_samples=0.5,
         refit=pushed,
         spread=5e-3,
+    ),
+    # Of the laws that read their log, so that the counts alone tell which one made it.
+    ArmHypothesis(
+        name="variant",
+        sentence="the stated law is another variant: with {each} its torques explain the motion",
+        remedy="State the law with {each}",
+        telling="log the torque as well, which shows the law without a model of the arm",
+        biased=True,
+        title="another variant of the law",
+        each="{variant}",
+        unit="%",
+        convert=_percent,
+        torques=other_variants,
+        signed=True,
+        test=variant,
+        refit=pushed,
+        spread=1.0,
     ),
     # Of warming gears. Of one size for each joint, since viscous and dry friction change together.
     ArmHypothesis(

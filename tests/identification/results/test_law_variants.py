@@ -1,12 +1,13 @@
-"""Which variant of a law made a log: the logged torque tells."""
+"""Which variant of a law made a log: the logged torque tells, or the counts alone."""
 
 import dataclasses
 
 import numpy as np
 import pytest
-from driven_arm import CHAIN, LAW, PATH, RIG
+from driven_arm import CHAIN, DYNAMICS, LAW, PATH, RIG
 from random_rigs import log_of
 
+from identification import identify
 from identification.equation_error.stated_law import likelier_variant, torque_apart
 from plant import Record
 
@@ -44,3 +45,23 @@ def test_noise_of_the_current_makes_no_other_variant(record: Record):
         record, torque=record.torque + RIG.drive.joint_torque(RIG.drive.motor_gain * noise)
     )
     assert likelier_variant(noisy, torque_apart(noisy)) is None
+
+
+@pytest.mark.parametrize(
+    ("stated", "begin"),
+    [("forward", 0.7), pytest.param("tustin", 0.0, marks=pytest.mark.slow)],
+)
+def test_counts_alone_name_the_variant_that_made_the_log(record: Record, stated, begin):
+    """The model followed the counts to 1.5 pulses, and 0.5 ms of lag explained that best."""
+    wrong = dataclasses.replace(FAST, integration=stated)
+    logged = dataclasses.replace(record.cut(begin) if begin else record, torque=None, law=wrong)
+    (sign, *_) = identify(DYNAMICS, logged, progress=False).diagnostics.detection.named
+    assert sign.name == "variant"
+    assert [*sign.values] == ["variant.integration='backward'"]
+    assert sign.values["variant.integration='backward'"] == pytest.approx(1.0, abs=0.05)
+
+
+def test_counts_of_the_right_law_name_no_variant(record: Record):
+    logged = dataclasses.replace(record, torque=None)
+    detection = identify(DYNAMICS, logged, progress=False).diagnostics.detection
+    assert detection.named == ()
