@@ -73,9 +73,10 @@ def between_samples(record: Record) -> Floats | None:
     """Change (N, n) of the torques if every second one is read on a line between its neighbours.
 
     Of a faster loop a log has samples alone: what they do not show of one another is the size of
-    what they do not show between them. None where the torque is held.
+    what they do not show between them. None where the torque is held, or the law gives it.
     """
-    if record.law is None or not record.law.interpolates:
+    law = record.law
+    if law is None or law.replays == "counts" or not law.interpolates:
         return None
     torque = measured_torque(record)
     change = np.zeros_like(torque)
