@@ -97,6 +97,17 @@ def test_coarse_steps_of_an_integration_are_no_elastic_gear():
     assert estimate.doubts == []
 
 
+def test_values_are_those_of_a_fine_integration():
+    """Under a soft cascade 4 steps per sample moved Ixz by 7.6 deviations of its noise."""
+    case = drawn(146)
+    estimate = identify(
+        case.dynamics, case.record, unknown=case.unknown, method="prediction_error", progress=False
+    )
+    assert estimate.doubts == []
+    noise = np.sqrt(np.diag(estimate.fit.noise_covariance))
+    assert np.abs((estimate.fit.values - case.truth) / noise).max() < 2.5
+
+
 def test_runs_of_the_model_begin_as_uncertain_as_the_start_of_a_log_is():
     """From one start they differed by 0.6 pulses, and the right log by 1.35: it was doubted."""
     case = drawn(103)
