@@ -245,6 +245,7 @@ def _examined(record, hypotheses, labels):
     # Angles are no counts, and no correction of a column mends the column of another motor.
     copied = list(signals.per_joint(copied_columns))
     result, spoiled, counts = as_it_is, False, list[Finding]()
+    bridged = Experiment(all_bridged(record, lost))
     ranked = signals.long_enough and not signals.angular.any()
     if ranked and all(finding.ok for finding in copied):
         # Counts that jump, stick or are cut off make delays and sizes that are none.
@@ -254,39 +255,39 @@ def _examined(record, hypotheses, labels):
         spoils = _SPOILED if signals.reference is not None else _SPOILED[:-1]
         spoiled = noisy or any(finding.check in spoils and not finding.ok for finding in counts)
         table = (*(SWITCHES if spoiled else TABLE), *hypotheses)
-        result = ranked_causes(record, lost, table, labels, SPOILED if spoiled else SELECTION)
+        result = ranked_causes(record, bridged, table, labels, SPOILED if spoiled else SELECTION)
     causes = list(cause_findings(result))
     if causes:
-        bridged = Signals(all_bridged(record, lost))
         causes = _worded(
             causes,
             [
                 *time_findings(signals),
                 *count_unit_findings(signals),
-                *rounding_findings(bridged),
+                *rounding_findings(bridged.signals),
             ],
         )
     caused = {(cause.check, cause.joint) for cause in causes}
 
     # What a correction mends is a fault of its own; all else is seen in the corrected log.
     corrected = result.corrected.record
-    signals = Signals(corrected)
-    lost = lost_rows(corrected)
+    # Where nothing is corrected, all that is known of the log stays.
+    if corrected is not record:
+        signals, lost = Signals(corrected), lost_rows(corrected)
+        bridged = Experiment(all_bridged(corrected, lost))
     data = [*time_findings(signals), *count_unit_findings(signals), *lost_findings(signals, lost)]
     # Glitches and jumps are findings of their own, so they are bridged for the later checks only.
-    if not spoiled:
+    if not counts or (corrected is not record and not spoiled):
         counts = [*counts_findings(signals, Signals(repeats_bridged(corrected, lost)))]
     data += counts
-    bridged = Signals(all_bridged(corrected, lost))
     for check in _BEFORE:
-        data += check(bridged)
+        data += check(bridged.signals)
     if ("rounding", None) not in caused:
-        data += rounding_findings(bridged)
+        data += rounding_findings(bridged.signals)
     data = [finding for finding in [*data, *copied] if (finding.check, finding.joint) not in caused]
-    measured = measured_findings(Experiment(bridged.record), caused)
+    measured = measured_findings(bridged, caused)
     after = [finding for finding in measured if (finding.check, finding.joint) not in caused]
     for check in _AFTER:
-        after += check(bridged)
+        after += check(bridged.signals)
     # A loop that swings makes delays and units that are none: its finding comes first.
     swings = [finding for finding in data if finding.check == "oscillation" and not finding.ok]
     later = _LATER if not swings else (*_LATER, "delay")
@@ -308,7 +309,8 @@ _LATER = "units of torque", "viscous friction"
 def late_counts(record) -> Floats:
     """Samples (n,) by which the counts of each joint are late, as the law of the record shows."""
     late = np.zeros(record.n)
-    for cause in ranked_causes(record, lost_rows(record), TABLE, record.rig.joint_labels).causes:
+    bridged = Experiment(all_bridged(record, lost_rows(record)))
+    for cause in ranked_causes(record, bridged, TABLE, record.rig.joint_labels).causes:
         if cause.name == "late counts":
             late[list(cause.joints) or slice(None)] = cause.size
     return late
@@ -317,13 +319,13 @@ def late_counts(record) -> Floats:
 _SPOILED = "jumps", "clipped counts", "glitches", "stuck encoder"
 
 
-def ranked_causes(record, lost, table, labels, settings=SELECTION) -> Ranking[Experiment]:
+def ranked_causes(record, bridged, table, labels, settings=SELECTION) -> Ranking[Experiment]:
     """What explains a record better than what it states; its corrections change the record itself.
 
-    `lost`: rows that are bridged for the comparison.
+    `bridged`: the experiment of the record with its lost rows bridged, for the comparison.
     """
     trials = Trials(table)
-    result = ranking(Experiment(all_bridged(record, lost)), trials, labels, settings)
+    result = ranking(bridged, trials, labels, settings)
     # Rows are bridged for the evidence only: the record keeps what was logged.
     records = [record]
     for cause, hypothesis in zip(result.causes, result.accepted, strict=False):

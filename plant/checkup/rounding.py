@@ -6,6 +6,7 @@ counts, whose cells are one pulse wide, shows the size of no step in this log; w
 cells merged, it shows that of `fix`. So the log is its own yardstick for any motion and noise.
 """
 
+import functools
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -108,6 +109,8 @@ def fix_seen(signals: Signals) -> float | None:
     return float(1 / (1 + np.exp(-np.clip(log_odds, -100.0, 100.0))))
 
 
+# Asked by the ranking and by the finding of one log.
+@functools.lru_cache(maxsize=1)
 def rounding_log_odds(signals: Signals) -> float | None:
     """Natural logarithm of the odds of `fix`; None if the log is silent."""
     if not signals.long_enough:
