@@ -87,6 +87,21 @@ def command_ratios(experiment: Experiment, joints: Joints) -> tuple[float, ...]:
     return tuple(1 / ratio for ratio in torque_ratios(experiment, joints))
 
 
+def rated_shares(experiment: Experiment, joints: Joints) -> tuple[float, ...]:
+    """Rated torque over the limit, if the torque is in per mille of it: one for all joints.
+
+    Joints whose torques are wrong by one factor have a scale, and no rated torque tells more.
+    """
+    ratios = [torque_ratios(experiment, (i,)) for i in range(experiment.n)]
+    if len(ratios) < 2 or not all(ratios):
+        return ()
+    ratio = np.ravel(ratios)
+    shares = 1e3 / (ratio * experiment.record.rig.drive.torque_limit())
+    alike = [np.ptp(np.log(values)) < _RELEVANT for values in (shares, ratio)]
+    share = float(np.median(shares))
+    return (share,) if alike == [True, False] and share <= 1 else ()
+
+
 def common_step(experiment: Experiment, joints: Joints) -> tuple[float, ...]:
     """Step of the counts of all joints, where it is one number of pulses above 1."""
     steps = [grid(column) for column in experiment.signals.counts.T]
@@ -412,12 +427,15 @@ def edges_evidence(experiment: Experiment, joints: Joints) -> Iterator[tuple[flo
     """Log odds of lines that are stated in place of counts, or the reverse."""
     chosen = list(joints) or slice(None)
     follows = experiment.signals.reference is None or experiment.signals.tracks[chosen].all()
+    # Of some joints alone the motion is no evidence: the others' torques are coupled to them.
+    if follows and len(joints) not in (0, experiment.n):
+        return
     for size in EDGES:
         changed = experiment.changed(counted_edges(experiment.record, joints, size))
         # Counts that do not follow their reference show the factor by themselves.
         if not follows:
             yield size, changed.score - experiment.score
-        elif len(joints) in (0, experiment.n):
+        else:
             yield from _stranger(experiment, changed, size)
 
 

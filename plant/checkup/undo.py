@@ -215,6 +215,24 @@ def as_commanded(record: Any, joints: Joints, size: float) -> Any:
     return replace(record, torque=record.rig.drive.limited(commanded), current=None)
 
 
+def rated_torque(record: Any, joints: Joints, size: float) -> Any:
+    """Convert torques from per mille of a rated one, which is so much of the limit."""
+    factor = size * record.rig.drive.torque_limit() / 1e3
+    return with_torques(record, lambda torque: factor * torque)
+
+
+def signed_magnitude(record: Any, joints: Joints, size: float) -> Any:
+    """Give magnitudes of torque and current the sign of the law's, and multiply them."""
+    commanded = as_commanded(record, joints, size).torque
+    signs = {"torque": commanded, "current": record.rig.drive.motor_torque(commanded)}
+    logged = {name: getattr(record, name) for name in signs if getattr(record, name) is not None}
+    if not logged or any((column < 0).any() for column in logged.values()):
+        raise ValueError("the record must have torques without a negative value. Log magnitudes.")
+    return replace(
+        record, **{name: size * np.sign(signs[name]) * column for name, column in logged.items()}
+    )
+
+
 def with_rate(record: Any, joints: Joints, size: float) -> Any:
     """Give a P law the rate of its error, of so many seconds of its gain."""
     law = record.law

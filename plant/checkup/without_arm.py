@@ -25,6 +25,7 @@ from plant.checkup.evidence import (
     period_evidence,
     radian_evidence,
     rate_evidence,
+    rated_shares,
     rounding_evidence,
     slopes,
     steps_evidence,
@@ -51,11 +52,13 @@ from plant.checkup.undo import (
     other_resolution,
     other_rounding,
     other_time_unit,
+    rated_torque,
     rescaled_torque,
     scaled_both,
     scaled_counts,
     scaled_reference,
     scaled_torque,
+    signed_magnitude,
     torques_in_time,
     turned_counts,
     turned_error,
@@ -203,6 +206,28 @@ def _units() -> Iterator[Hypothesis[Any]]:
         undo=as_commanded,
         measurement="Turn a joint slowly: its measured torque jumps where it turns back.",
         evidence=model_evidence,
+        against=8.0,
+    )
+    yield Hypothesis(
+        name="torque per mille of the rated one",
+        check="units of torque",
+        sentence="The torque may be in per mille of the rated one, {value:.3g} times the limit",
+        remedy="State its unit, or convert it.",
+        undo=rated_torque,
+        measurement=_LOAD,
+        suggested=rated_shares,
+        against=8.0,
+    )
+    yield Hypothesis(
+        name="torque without sign",
+        check="units of torque",
+        sentence="The logged torque is a magnitude without a sign, as an RMS current is; times"
+        " {value:.3g} it is that of the law",
+        remedy="Log the signed torque or current.",
+        undo=signed_magnitude,
+        measurement=_LOAD,
+        # A drive states the RMS of a phase, or the peak that its sine has.
+        sizes=(1.0, 2**0.5),
         against=8.0,
     )
     gears = lambda rig: np.abs(rig.drive.gear)  # noqa: E731

@@ -243,6 +243,37 @@ def test_a_hypothesis_of_a_users_own_is_ranked_beside_the_others(record):
     np.testing.assert_allclose(checkup.corrected.torque, record.torque)
 
 
+@pytest.mark.parametrize("size", [1.0, 2**0.5])
+def test_a_magnitude_without_sign_gets_the_sign_of_the_law(record, size):
+    """The RMS of a phase current has no sign, and is the smaller by the peak of a sine."""
+    rig = record.rig
+    current = rig.drive.motor_torque(record.torque) / rig.drive.motor_gain
+    logged = dataclasses.replace(record, torque=None, current=np.abs(current) / size)
+    checkup = logged.check()
+    assert (checkup.causes[0].name, checkup.causes[0].size) == ("torque without sign", size)
+    assert checkup.problems[0].check == "units of torque"
+    np.testing.assert_allclose(
+        checkup.first_corrected.current, current, atol=1e-3 * np.ptp(current)
+    )
+
+
+def test_per_mille_of_the_rated_torque_is_one_cause_of_all_joints(record):
+    """One share of different limits explains other factors at each joint."""
+    share = 0.3
+    rated = share * record.rig.drive.torque_limit()
+    checkup = with_torque(record, 1e3 * record.torque / rated).check()
+    cause = checkup.causes[0]
+    assert (cause.name, cause.joints) == ("torque per mille of the rated one", ())
+    assert cause.size == pytest.approx(share, rel=0.02)
+    assert len(checkup.causes) == 1
+
+
+def test_one_factor_of_all_torques_is_a_scale(record):
+    """It leaves no share of the limits that is alike."""
+    cause = with_torque(record, 7.0 * record.torque).check().causes[0]
+    assert cause.name == "torque scale"
+
+
 def test_hypotheses_that_fail_or_change_nothing_are_named_and_the_others_go_on(record):
     def refuse(record, joints, size):
         raise ValueError("this log has no such column.")
