@@ -99,7 +99,8 @@ def rated_shares(experiment: Experiment, joints: Joints) -> tuple[float, ...]:
     shares = 1e3 / (ratio * experiment.record.rig.drive.torque_limit())
     alike = [np.ptp(np.log(values)) < _RELEVANT for values in (shares, ratio)]
     share = float(np.median(shares))
-    return (share,) if alike == [True, False] and share <= 1 else ()
+    # The limit itself has a row.
+    return (share,) if alike == [True, False] and share < 1 - _RELEVANT else ()
 
 
 def common_step(experiment: Experiment, joints: Joints) -> tuple[float, ...]:
