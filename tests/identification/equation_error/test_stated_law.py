@@ -48,6 +48,19 @@ def test_where_it_cannot_be_told():
     assert torque_apart(dataclasses.replace(sampled, reference=None)) is None
 
 
+def test_counts_beside_a_reference_with_fractions_are_those_of_the_controller():
+    """The difference of reference and error may lose its last digits, which moves no count."""
+    record = cut(LAWS["cascade"])
+    reference = record.rig.position_in_pulses(record.reference(record.t - record.t[0]).q)
+    errors = reference - record.counts
+    for digits, compared in ((1e-11, True), (0.1, False)):
+        logged = dataclasses.replace(
+            record, reference_pulses=reference, error_pulses=errors + digits
+        )
+        assert (logged.counts != record.counts).any()
+        assert (torque_apart(logged) is not None) is compared
+
+
 def test_an_identification_says_so():
     record = cut(LAWS["P"])
     right = identify(ARM.dynamics, record, progress=False)
