@@ -68,6 +68,7 @@ def test_a_slide_is_simulated_from_its_force_on_a_file_that_was_not_fitted(publi
 
 
 @pytest.mark.filterwarnings("ignore::UserWarning")
+@pytest.mark.slow
 def test_a_slow_log_of_seven_joints_gives_an_arm(public_logs):
     """At 30 Hz no prediction follows it; least squares alone have a D(q) that is not positive."""
     try:
@@ -83,7 +84,11 @@ def test_a_slow_log_of_seven_joints_gives_an_arm(public_logs):
 PENDULUM = "8_real_double_pendulum"
 
 
-@pytest.fixture(scope="module", params=["C.0", pytest.param("A.0", marks=pytest.mark.slow)])
+# .ci/run runs the example itself.
+@pytest.fixture(
+    scope="module",
+    params=[pytest.param(design, marks=pytest.mark.slow) for design in ("C.0", "A.0")],
+)
 def pendulum(request):
     """The example, the design, what was identified of it, and the runs kept aside."""
     there, module = folder("dfki_double_pendulum"), example(PENDULUM)

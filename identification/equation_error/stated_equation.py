@@ -288,8 +288,10 @@ class TorqueEquation:
         limits[-1] = SETTINGS.generated
         power = np.append(fitted.power_by_joint, fitted.power)
         std = np.append(fitted.power_std, fitted.std)
+        known = np.maximum(std, 1e-9)
         usual = max(self.braking, SETTINGS.usual)
-        odds = -2 * usual * power / np.maximum(std, 1e-9) ** 2
+        # The deviation of a dead column has no square.
+        odds = -2 * (usual / known) * (power / known)
         return float(odds[power + SETTINGS.certain * std < limits].max(initial=0.0))
 
     @property

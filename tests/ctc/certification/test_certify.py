@@ -198,6 +198,7 @@ def test_a_probability_known_beforehand():
     assert certificate.failures == (shifts >= 0.3).any(axis=1).sum()
 
 
+@pytest.mark.slow
 def test_brute_force_agrees_on_a_case_that_fails_one_time_in_ten():
     """Drawn by hand, with another seed, one `simulate` at a time."""
     certificate = certified(samples=4000)

@@ -113,6 +113,7 @@ def test_the_interval_holds_the_mass_and_counts_what_is_uncertain_of_the_arm():
         load(loaded()[0], doubtful)
 
 
+@pytest.mark.slow
 def test_neither_order_nor_an_irrelevant_guess_changes_it():
     found, backwards = known_load(), load(loaded()[::-1])
     ranged = load(loaded(), mass=(20.0, 900.0))
@@ -145,6 +146,7 @@ def test_a_log_without_a_law_replays_its_torque():
     assert found.mass == pytest.approx(known.mass, abs=0.5 * known.std)
 
 
+@pytest.mark.slow
 def test_what_is_known_of_the_arm_has_no_variance_and_counts_in_the_torque():
     """Residuals are those of the same torque, so that most of it may be known."""
     free = empty_arm()

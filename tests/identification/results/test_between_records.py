@@ -49,6 +49,7 @@ def quick(records, **options):
 
 # the records contradict each other
 @pytest.mark.filterwarnings("ignore::identification.IdentificationWarning")
+@pytest.mark.slow
 def test_friction_that_drifts_widens_the_intervals_that_then_hold_it(tmp_path):
     records = [log((5, i), 0.1) for i in range(3)]
     found, friction = quick(records), slice(9, 13)
@@ -117,6 +118,7 @@ def test_records_that_contradict_each_other_give_the_mean_of_their_own_fits():
 
 
 @pytest.mark.filterwarnings("ignore::identification.IdentificationWarning")
+@pytest.mark.slow
 def test_of_a_record_that_alone_does_not_tell_all_no_mean_is_made():
     found = quick([repeated(0.1), repeated(-0.1).cut(0.0, 0.3)])
     assert found.diagnostics.detection.mean is None
@@ -146,6 +148,7 @@ def test_one_record_says_that_a_second_would_tell():
     )
 
 
+@pytest.mark.slow
 def test_a_prior_belongs_to_no_record():
     records = [log((5, i), 0.0) for i in range(2)]
     plain = quick(records)

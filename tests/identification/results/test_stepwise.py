@@ -401,7 +401,11 @@ def test_a_load_in_a_record_held_out_is_told_as_a_change():
 
 @pytest.mark.parametrize(
     ("factor", "law"),
-    [(1.1, None), pytest.param(1.25, None, marks=pytest.mark.slow), (0.85, PID_LAW)],
+    [
+        (1.1, None),
+        pytest.param(1.25, None, marks=pytest.mark.slow),
+        pytest.param(0.85, PID_LAW, marks=pytest.mark.slow),
+    ],
 )
 def test_a_length_that_is_wrong_is_named(factor, law):
     """And by how much, though it does not act linearly."""
@@ -418,6 +422,7 @@ def test_a_length_that_is_wrong_is_named(factor, law):
     )
 
 
+@pytest.mark.slow
 def test_a_length_of_which_f_takes_over_nine_tenths_is_named_and_no_gear():
     """Upper arm of the UR5e: of a torque along a smoothed motion next to nothing is left."""
     true, rig = elbow_of_a_ur5e()

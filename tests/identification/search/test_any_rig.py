@@ -68,6 +68,7 @@ def test_the_integral_of_fast_hardware_is_unknown_where_a_log_was_cut(seed):
     assert np.abs((estimate.fit.values - case.truth) / estimate.fit.std).max() < 5
 
 
+@pytest.mark.slow
 def test_a_narrow_valley_of_weight_and_integral_is_followed_to_its_end():
     """Differences wider than the valley ended 31 deviations from the values, with nothing said."""
     case = drawn(66)
@@ -108,6 +109,7 @@ def test_values_are_those_of_a_fine_integration():
     assert np.abs((estimate.fit.values - case.truth) / noise).max() < 2.5
 
 
+@pytest.mark.slow
 def test_runs_of_the_model_begin_as_uncertain_as_the_start_of_a_log_is():
     """From one start they differed by 0.6 pulses, and the right log by 1.35: it was doubted."""
     case = drawn(103)

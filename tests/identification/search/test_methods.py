@@ -288,6 +288,7 @@ def test_fit_that_is_no_arm_of_this_rig_leaves_no_intervals():
     assert "warning: D(q)" in result.summary()
 
 
+@pytest.mark.slow
 def test_ranges_that_exclude_the_truth_are_warned_about():
     ranges = np.column_stack([puma560.PUBLISHED - 0.5 * WIDTH, puma560.PUBLISHED + 0.5 * WIDTH])
     ranges[6] = 8.0, 12.0
