@@ -22,8 +22,7 @@ from plant.checkup.trials import Trials
 class Tried(NamedTuple):
     """Causes that are rows of a user's own, the likeliest first, and rows that were left out.
 
-    `failed`: a line for each row that changes
-    nothing, or that failed, with the reason.
+    `failed`: a line for each row that changes nothing, or that failed, with the reason.
     """
 
     causes: tuple[Cause, ...]
@@ -63,6 +62,7 @@ def tried(dynamics: Dynamics, record: Record, hypotheses: Sequence[Hypothesis[An
             yield from candidates_of(experiment.equation)
 
     labels = tuple(dynamics.chain.joint_labels)
+    # A correction that was accepted is applied before the next one is tried.
     ranked = ranking(_WithArm(record, dynamics=dynamics), candidates, labels)
     causes = {cause.name: cause for cause in ranked.causes if cause.name in by_name}
     for experiment in ranked.experiments:
@@ -72,5 +72,6 @@ def tried(dynamics: Dynamics, record: Record, hypotheses: Sequence[Hypothesis[An
     # 2. The others as the checkup judges them, by the law and the reference too.
     checkup = record.check(hypotheses=[row for row in hypotheses if row.name not in causes])
     causes |= {cause.name: cause for cause in checkup.causes if cause.name in by_name}
+    # A row that failed in both is named once.
     failed = {f"{name}: {reason}": None for name, reason in trials.failed.items()}
     return Tried((*causes.values(),), (*(failed | dict.fromkeys(checkup.failed)),))

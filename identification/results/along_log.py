@@ -97,6 +97,7 @@ def other_variants(at: Optimum) -> dict[str, list[Floats]]:
 
 def _begun_as(law, variant, n):
     """State (s,) of a variant that began as a law did; what that has not begins by itself."""
+    # Variants share most of their memory: an integral, a filter, the last error.
     begins = variant.fields.read(variant.initial_state(n), n)._asdict()
     memory = law.law.fields.read(law.state, n)._asdict()
     common = {name: memory.get(name, value) for name, value in begins.items()}

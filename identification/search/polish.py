@@ -562,12 +562,14 @@ def _in_fine_steps(problem, prediction, solution, bounds):
     """The solution of a model that is integrated in finer steps, by the slopes of coarse ones."""
     if problem.options.get("steps_per_sample", 4) >= FIT.fine_steps:
         return solution
+    # 1. The same problem in finer steps, with the scales and the prior of the coarse one.
     options = problem.options | {"steps_per_sample": FIT.fine_steps}
     fine = replace(problem, options=options).prediction(
         zeros=problem.zeros, memories=problem.memories
     )
     fine.scales = prediction.scales
     fine.prior = prediction.prior
+    # 2. Newton steps by the slopes of coarse steps: those of fine ones would cost a search.
     names = [prediction.unknown[i] for i in solution.varied]
     coarse = solution.residual / prediction.scales
     inverse = least_squares(names, solution.slopes, coarse, dependent=prediction.dependent)[1]
@@ -581,6 +583,7 @@ def _in_fine_steps(problem, prediction, solution, bounds):
             break
         values[solution.varied] += change
         values = np.clip(values, *bounds.T)
+    # 3. The values of coarse steps stay where finer ones do not follow the log more closely.
     if (values == solution.values).all():
         return solution
     innovations = fine.innovations(values)

@@ -95,6 +95,7 @@ def rated_shares(experiment: Experiment, joints: Joints) -> tuple[float, ...]:
     ratios = [torque_ratios(experiment, (i,)) for i in range(experiment.n)]
     if len(ratios) < 2 or not all(ratios):
         return ()
+    # Of joints with unequal limits one share of the limits tells per mille from a mere factor.
     ratio = np.ravel(ratios)
     shares = 1e3 / (ratio * experiment.record.rig.drive.torque_limit())
     alike = [np.ptp(np.log(values)) < _RELEVANT for values in (shares, ratio)]

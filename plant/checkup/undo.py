@@ -224,6 +224,7 @@ def rated_torque(record: Any, joints: Joints, size: float) -> Any:
 def signed_magnitude(record: Any, joints: Joints, size: float) -> Any:
     """Give magnitudes of torque and current the sign of the law's, and multiply them."""
     commanded = as_commanded(record, joints, size).torque
+    # The motor turns against the joint where the gear is negative, and so does its current.
     signs = {"torque": commanded, "current": record.rig.drive.motor_torque(commanded)}
     logged = {name: getattr(record, name) for name in signs if getattr(record, name) is not None}
     if not logged or any((column < 0).any() for column in logged.values()):

@@ -112,6 +112,7 @@ class Values:
         return values if self.width == 1 else [self._splat(x) for x in values]
 
     def _splat(self, x):
+        # A Python number becomes a constant of any width where it is used.
         if isinstance(x, (int, float)):
             return x
         first = self.builder.insert_element(ir.Constant(self.double, ir.Undefined), x, INDEX(0))
@@ -124,6 +125,7 @@ class Values:
     @contextlib.contextmanager
     def individuals(self, count):
         """Emit what follows for all of `count` individuals; yields the number of the first one."""
+        # One vector needs no loop, and compiles sooner without.
         if count == self.width:
             yield LONG(0)
             return
@@ -147,6 +149,7 @@ class Values:
         for first in range(0, count, self.width):
             # A NaN is not above 0.
             above = self.builder.fcmp_ordered(">", view.moved(first)[0], self.value(0.0))
+            # Bits of a vector as one number: it is zero where no individual is above.
             if self.width > 1:
                 bits = self.builder.bitcast(above, ir.IntType(self.width))
                 above = self.builder.icmp_unsigned("!=", bits, bits.type(0))

@@ -88,6 +88,7 @@ class _Compiled:
         space = np.empty(program.rows * width + _CACHE_LINE)
         first = -(space.ctypes.data // space.itemsize) % _CACHE_LINE
         memory = space[first : first + program.rows * width].reshape(-1, width)
+        # The kernel takes states and numbers from their rows, and leaves the last states there.
         memory[:states] = initial
         memory[states : states + len(lanes)] = lanes
         arrays = np.append(uniform, h), law, sample, step, data

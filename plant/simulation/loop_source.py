@@ -77,6 +77,7 @@ def loop_source(
         "    builder.store(loop.index, done)",
         "    loop.do_break()",
     ]
+    # Sub-steps from one run of a block to the next.
     periods = {"law": loop.steps_per_law, "sample": loop.steps_per_sample, "step": 1}
     body = [
         line
@@ -196,6 +197,7 @@ class _Emitter:
         pieces = cut(
             program.lines[STATE], stores, self.places | program.crossing, self.fresh, longest
         )
+        # Placeholders of rows become elements of the view that the piece gets.
         text, calls = "", []
         for k, piece in enumerate(pieces):
             lines = [re.sub(r"{(\d+)}", r"work[\1]", line) for line in piece]
@@ -206,6 +208,7 @@ class _Emitter:
 
     def _per_vector(self, name, lines, shared, log=None):
         """A function of a vector of individuals, and the lines that call it for all of them."""
+        # Each number that is passed becomes a vector, so only those that are read are passed.
         shared = _read(lines, shared)
         log_name, log_view = ("log, ", f"{log}, ") if log else ("", "")
         function = _function(name, f"e, work, {log_name}{_listed(shared)}", lines)
@@ -273,6 +276,7 @@ def _listed(names):
 
 def _read(lines, names):
     """Those of the names that the lines read."""
+    # A name is a whole word of the text: v1 is no part of v12.
     words = set(re.findall(r"\w+", "\n".join(lines)))
     return [name for name in names if name in words]
 
