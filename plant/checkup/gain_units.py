@@ -288,6 +288,8 @@ def _driven(record, experiment, torque):
     signals = experiment.signals
     times = sample_times(signals, len(torque))
     motor = at_times(record.t + times[signals.window], times, torque)
+    # An integral begins at an unknown value: the amplifier's limit bounds the range of the torque.
+    motor -= (motor.max(axis=0) + motor.min(axis=0)) / 2
     joint = record.rig.drive.joint_torque(motor)
     if record.injected is not None:
         joint = joint + record.injected

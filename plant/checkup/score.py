@@ -119,11 +119,12 @@ SETTINGS = ScoreSettings()
 
 
 class Filtered(NamedTuple):
-    """A smoothed column at the compared rows, each (M,): value, two derivatives, sign of speed."""
+    """A smoothed column at the compared rows, each (M,): value, derivatives, sign of speed."""
 
     value: Floats
     speed: Floats
     acceleration: Floats
+    jerk: Floats
     direction: Floats
 
 
@@ -143,24 +144,26 @@ class Filter:
         # Samples behind each row: all of them, or those of its window where rows lie further apart.
         samples = min(stride, window) * len(self.rows)
         self.equations = samples / SETTINGS.dependent
-        # Two samples more than the window, so that differences of smoothed values fit in.
-        kernel = np.zeros(window + 2)
-        kernel[1:-1] = np.hanning(window + 2)[1:-1]
+        # Four samples more than the window, so that differences of smoothed values fit in.
+        kernel = np.zeros(window + 4)
+        kernel[2:-2] = np.hanning(window + 2)[1:-1]
         kernel /= kernel.sum()
+
+        def rate(column):
+            return (np.roll(column, 1) - np.roll(column, -1)) / (2 * self.interval)
+
         before, after = np.roll(kernel, -1), np.roll(kernel, 1)
-        rate = (after - before) / (2 * self.interval)
-        self.kernels = np.column_stack(
-            [kernel, rate, (after - 2 * kernel + before) / self.interval**2]
-        )
+        second = (after - 2 * kernel + before) / self.interval**2
+        self.kernels = np.column_stack([kernel, rate(kernel), second, rate(second)])
 
     def __call__(self, column: Floats) -> Filtered:
         """Filter a column (M,) of the log."""
         even = np.interp(self.times, self.t, column)
-        value, speed, acceleration = (self._at_rows(even) @ self.kernels).T
+        value, speed, acceleration, jerk = (self._at_rows(even) @ self.kernels).T
         # The sign of the speed passes the same filter as the torque that it causes.
         rate = np.convolve(even, self.kernels[::-1, 1], mode="same")
         direction = self._at_rows(np.sign(rate)) @ self.kernels[:, 0]
-        return Filtered(value, speed, acceleration, direction)
+        return Filtered(value, speed, acceleration, jerk, direction)
 
     def average(self, table: Floats, windows: int) -> Floats:
         """Average a table (M, k) of the compared rows over `SETTINGS.average` seconds.
@@ -185,7 +188,8 @@ class Motion(NamedTuple):
     """Regression of the torque of one motor on the motion, with standard deviations.
 
     Inertia [kg m^2], viscous [N m s/rad] and Coulomb friction [N m], none negative; `unexplained`:
-    share (0 to 1) of the torque's variance; `coupling` (n - 1,): inertias of the other motors'
+    share (0 to 1) of the variance that the speed alone leaves of the torque, and `beside_speed`:
+    share of the torque's that it leaves; `coupling` (n - 1,): inertias of the other motors'
     accelerations [kg m^2], of either sign.
     """
 
@@ -196,6 +200,7 @@ class Motion(NamedTuple):
     coulomb: float
     coulomb_std: float
     unexplained: float
+    beside_speed: float
     coupling: Floats
     coupling_std: Floats
 
@@ -490,7 +495,10 @@ class Experiment:
             unexplained = np.array([motion.unexplained for motion in self.motions])
             coupled = self.n <= SETTINGS.coupled
             lacking = (SETTINGS.motion if coupled else SETTINGS.uncoupled) * self.weakness
-            terms["motion"] = -freedom / 2 * np.log(np.minimum(unexplained + lacking, 1.0))
+            # Another motor's speed explains less of a torque: more of it is left to be explained.
+            beside_speed = np.array([motion.beside_speed for motion in self.motions])
+            share = np.minimum(unexplained + lacking, 1.0) * beside_speed
+            terms["motion"] = -freedom / 2 * np.log(share)
             drive = self.record.rig.drive
             terms["inertia"] = np.array(
                 [
@@ -559,30 +567,32 @@ class Experiment:
 def _following(reference, counts, noise, half):
     """Share of the counts' speed that the reference leaves unexplained, and its log likelihood.
 
-    A loop may lag: its counts follow behind the reference, or as a low-pass of it. What is in
-    proportion to either's acceleration is no evidence; no loop leads. A soft loop follows at
-    another scale: gravity and springs hold it.
+    A loop may lag: its counts follow behind the reference, or as a low-pass of it, of the second
+    order where a speed loop is inside. What is in proportion to either's acceleration, or to the
+    jerk of the counts, is no evidence; no loop leads. A soft loop follows at another scale: gravity
+    and springs hold it.
     """
-    columns = np.column_stack(
-        [reference.acceleration, counts.acceleration, reference.speed, -counts.speed]
-    )
+    lagging = [reference.acceleration, counts.acceleration, counts.jerk]
+    columns = np.column_stack([*lagging, reference.speed, -counts.speed])
     squares = columns.T @ columns / len(columns)
     # Columns of one size, so that the ridge is relative.
-    size = np.sqrt(np.maximum(np.diag(squares)[:2], np.finfo(float).tiny))
-    squares[:2] /= size[:, None]
-    squares[:, :2] /= size
+    k = len(lagging)
+    size = np.sqrt(np.maximum(np.diag(squares)[:k], np.finfo(float).tiny))
+    squares[:k] /= size[:, None]
+    squares[:, :k] /= size
     pair = np.column_stack([np.exp(_SCALES * SETTINGS.soft), np.ones(len(_SCALES))])
     least = np.full(len(pair), np.inf)
-    for lags in ([0, 1], [0], [1], []):
-        across = squares[np.ix_(lags, [2, 3])]
+    choices = itertools.chain(*(itertools.combinations(range(k), count) for count in range(k + 1)))
+    for lags in map(list, choices):
+        across = squares[lags, k:]
         times = np.linalg.solve(squares[np.ix_(lags, lags)] + _RIDGE * np.eye(len(lags)), across)
-        left = squares[2:, 2:] - across.T @ times
+        left = squares[k:, k:] - across.T @ times
         possible = (times @ pair.T >= 0).all(axis=0)
         least[possible] = np.minimum(
             least[possible], np.einsum("si,ij,sj->s", pair, left, pair)[possible]
         )
     # The reference is what was asked for: what of the counts does it leave unexplained?
-    share = np.minimum((np.maximum(least, 0.0) + noise) / (squares[3, 3] + noise), 1.0)
+    share = np.minimum((np.maximum(least, 0.0) + noise) / (squares[-1, -1] + noise), 1.0)
     likelihood = -half * np.log(share + SETTINGS.tracking) - _SCALES**2 / 2
     best = int(np.argmax(likelihood))
     # At the ends the best scale lies beyond those of soft loops: such counts follow nothing. Those
@@ -613,7 +623,7 @@ def _regression(own, free, torque, equations, others, *, closed):
     The first `others` of the free columns are the other motors' accelerations. `closed`: whether a
     loop turns a delay of the counts into torque.
     """
-    nothing = Motion(0.0, np.inf, 0.0, np.inf, 0.0, np.inf, 1.0, *np.full((2, others), np.inf))
+    nothing = Motion(0.0, np.inf, 0.0, np.inf, 0.0, np.inf, 1.0, 1.0, *np.full((2, others), np.inf))
     if not len(torque):
         return nothing
     torque = _centred(torque)
@@ -643,14 +653,21 @@ def _regression(own, free, torque, equations, others, *, closed):
     # Late counts in a loop add torque in proportion to speed: the part that the speed explains is
     # no merit of a hypothesis.
     by_speed = squares[1, -1] ** 2 / max(squares[1, 1], _RIDGE) if closed else 0.0
-    share = max(left, 0.0) / max(squares[-1, -1] - by_speed, _RIDGE * size)
+    beside_speed = max(squares[-1, -1] - by_speed, _RIDGE * size)
+    share = max(left, 0.0) / beside_speed
     # 3. The coefficients of the free columns beside those, and standard deviations of all.
     coupling = (by_free[:, -1] - by_free[:, :k] @ value)[:others]
     std = _deviations(squares, segments, left / equations)
     value, std = (x / scale[: k + others] for x in (np.r_[value, coupling], std[: k + others]))
     inertia, viscous, coulomb = zip(value[:k], std[:k], strict=True)
     return Motion(
-        *inertia, *viscous, *coulomb, min(share, 1.0), coupling=value[k:], coupling_std=std[k:]
+        *inertia,
+        *viscous,
+        *coulomb,
+        unexplained=min(share, 1.0),
+        beside_speed=beside_speed / squares[-1, -1],
+        coupling=value[k:],
+        coupling_std=std[k:],
     )
 
 

@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 from random_rigs import drawn
 
+from plant import Cascade, puma560, simulate
+
 # Seed 0: a joint under a sampled PD; 1: two under a cascade; 3: a slide under fast P.
 WRONG = [
     (0, {"gain": 1e3}, False, "N m and mN m"),
@@ -48,6 +50,16 @@ def test_one_joint_of_two_is_named():
 @pytest.mark.parametrize("seed", [0, 1, 3, 4, 6])
 def test_right_gains_are_not_accused(seed, torque):
     assert not drawn(seed, torque=torque).record.check().causes
+
+
+def test_an_integral_that_began_before_the_log_accuses_no_gain():
+    """Its unknown value would take the law's torque beyond the amplifiers' limits."""
+    law = Cascade(
+        position=(20, 20), speed=(0.004, 0.003), integral=(0.06, 0.05), filter=600, period=7e-4
+    )
+    arm, rig, path = puma560.literature_arm(1.5), puma560.rig(), puma560.reference()
+    record = simulate(arm, rig, law, path, duration=3.0).cut(2.5, 2.88)
+    assert not dataclasses.replace(record, torque=None, current=None).check().causes
 
 
 @pytest.mark.parametrize("torque", [False, True])
