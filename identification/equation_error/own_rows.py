@@ -65,6 +65,7 @@ def tried(dynamics: Dynamics, record: Record, hypotheses: Sequence[Hypothesis[An
     # A correction that was accepted is applied before the next one is tried.
     ranked = ranking(_WithArm(record, dynamics=dynamics), candidates, labels)
     causes = {cause.name: cause for cause in ranked.causes if cause.name in by_name}
+    # The checkup goes on from the record that the arm corrected.
     for experiment in ranked.experiments:
         if isinstance(experiment, _WithArm):
             record = experiment.record

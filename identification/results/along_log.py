@@ -84,6 +84,7 @@ def other_variants(at: Optimum) -> dict[str, list[Floats]]:
         for record in at.model.records
     ):
         return {}
+    # The torque of the stated law itself, from the same counts, is what a variant changes.
     stated = [run_law(record).given for record in at.model.records]
     torques: dict[str, list[Floats]] = {}
     for record, law, given in zip(at.model.records, laws, stated, strict=True):

@@ -572,6 +572,7 @@ def _following(reference, counts, noise, half):
     jerk of the counts, is no evidence; no loop leads. A soft loop follows at another scale: gravity
     and springs hold it.
     """
+    # Each set of lags is tried: one whose coefficient is negative would lead.
     lagging = [reference.acceleration, counts.acceleration, counts.jerk]
     columns = np.column_stack([*lagging, reference.speed, -counts.speed])
     squares = columns.T @ columns / len(columns)

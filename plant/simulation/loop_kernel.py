@@ -91,6 +91,7 @@ class _Compiled:
         # The kernel takes states and numbers from their rows, and leaves the last states there.
         memory[:states] = initial
         memory[states : states + len(lanes)] = lanes
+        # The length of a sub-step stands behind the uniform numbers.
         arrays = np.append(uniform, h), law, sample, step, data
         done = program.kernel.call(name, memory, *arrays, *logs, len(step))
         return memory[:states].copy(), done

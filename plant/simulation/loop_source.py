@@ -129,6 +129,7 @@ class _Emitter:
             for number, kind in used.items()
             if kind == LANE
         ]
+        # What does not depend on time is computed here, and passes to the steps in rows or by name.
         for program in programs:
             uniform += map(str, program.lines[UNIFORM])
             numbers += _assigned(program.lines[UNIFORM])
@@ -159,6 +160,7 @@ class _Emitter:
             for letter, names in of_table.items()
             for i, number in enumerate(names)
         ]
+        # Later functions get what was read, and what was computed of it.
         lines += map(str, program.lines[TIME])
         times = inputs + _assigned(program.lines[TIME])
         shared = _read(lines, numbers)
