@@ -155,8 +155,8 @@ def _turns() -> Iterator[Hypothesis[Any]]:
             )
 
 
-def _units() -> Iterator[Hypothesis[Any]]:
-    """Yield the rows: columns, times and gains in other units."""
+def _units_of_torque() -> Iterator[Hypothesis[Any]]:
+    """Yield the rows: torques and currents in other units."""
     units = {
         "in mN m": ("torque", lambda rig: 1e-3),
         "in kN m": ("torque", lambda rig: 1e3),
@@ -189,6 +189,10 @@ def _units() -> Iterator[Hypothesis[Any]]:
             sizes=(1.0, -1.0) if "motor" in unit or "limit" in unit else (1.0,),
             against=8.0,
         )
+
+
+def _kinds_of_torque() -> Iterator[Hypothesis[Any]]:
+    """Yield the rows: a logged torque that is another quantity."""
     yield Hypothesis(
         name="torque without gravity",
         check="units of torque",
@@ -230,6 +234,10 @@ def _units() -> Iterator[Hypothesis[Any]]:
         sizes=(1.0, 2**0.5),
         against=8.0,
     )
+
+
+def _units_of_both() -> Iterator[Hypothesis[Any]]:
+    """Yield the rows: counts and reference in other units."""
     gears = lambda rig: np.abs(rig.drive.gear)  # noqa: E731
     both = {
         "in degrees, not in radians": ("units of counts", lambda rig: 180 / np.pi),
@@ -507,7 +515,9 @@ TABLE: tuple[Hypothesis[Any], ...] = (
     *_exchanges(),
     *_encoders(),
     *_turns(),
-    *_units(),
+    *_units_of_torque(),
+    *_kinds_of_torque(),
+    *_units_of_both(),
     *_units_of_one(),
     *_resolutions(),
     *_statements(),
