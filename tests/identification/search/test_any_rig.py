@@ -98,6 +98,7 @@ def test_coarse_steps_of_an_integration_are_no_elastic_gear():
     assert estimate.doubts == []
 
 
+@pytest.mark.slow
 def test_values_are_those_of_a_fine_integration():
     """Under a soft cascade 4 steps per sample moved Ixz by 7.6 deviations of its noise."""
     case = drawn(146)
