@@ -89,12 +89,13 @@ class _Compiled:
         first = -(space.ctypes.data // space.itemsize) % _CACHE_LINE
         memory = space[first : first + program.rows * width].reshape(-1, width)
         # The kernel takes states and numbers from their rows, and leaves the last states there.
-        memory[:states] = initial
-        memory[states : states + len(lanes)] = lanes
+        state, numbers, _ = np.split(memory, [states, states + len(lanes)])
+        state[:] = initial
+        numbers[:] = lanes
         # The length of a sub-step stands behind the uniform numbers.
         arrays = np.append(uniform, h), law, sample, step, data
         done = program.kernel.call(name, memory, *arrays, *logs, len(step))
-        return memory[:states].copy(), done
+        return state.copy(), done
 
     def prepared(self, tables, *, logged=False):
         """Columns that a run reads of the tables (law, sample, step, data), and the step length h.
