@@ -311,7 +311,8 @@ def polished(
     rounding = None
     if prediction.rounds:
         solution, rounding = _unbiased(prediction, solution, bounds, problem.seed)
-    elif gains is not None:
+    # Weak directions of unknown memories belong to the steps that showed them.
+    elif gains is not None and not any(problem.memories):
         solution = _in_fine_steps(problem, prediction, solution, bounds)
 
     # 4. No arm has less inertia than its motors: such a fit says nothing of f.
