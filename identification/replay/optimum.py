@@ -240,9 +240,9 @@ class TrialSettings:
     independent : float
         Independent errors that a model has along a log, at most.
     chatter : float
-        Those that a torque between its samples makes, at most. Of the some twenty right logs that
-        chose it, a cause explained up to 0.67 of the squares of such an error, chi-square 20 beside
-        a threshold of 36 or more.
+        Those that a torque between its samples makes, at most. It was chosen on about twenty right
+        logs: a cause explained up to 0.67 of the squares of such an error there, chi-square 20
+        beside a threshold of 36 or more.
     deviations : float
         Standard deviations of the sum of squares within which innovations are rounding alone.
     """
