@@ -20,7 +20,7 @@ from plant.realtime.running import Running
 
 T = TypeVar("T")
 
-# Bandwidth times period above which `start` checks stability; at 1 computed torque loses it.
+# Bandwidth times period above which `start` checks stability; computed torque is unstable at 1.
 _FAST = 0.5
 
 
@@ -39,8 +39,9 @@ def base(cls: type[T]) -> type[T]:
 class ModelLaw(Law):
     """Base of the laws that work out torques from an arm; runs once per sample of its rig.
 
-    `arm`: the identified arm; an identification gives its rig, too: ``ComputedTorque(found)``. One
-    in doubt gives an `IdentificationWarning`. `rig`: the identified rig, ``found.rig``.
+    `arm`: the identified arm; an identification gives its rig, too: ``ComputedTorque(found)``. An
+    identification with doubts gives an `IdentificationWarning`. `rig`: the identified rig,
+    ``found.rig``.
 
     Raises
     ------
@@ -82,11 +83,11 @@ class ModelLaw(Law):
         return self.rig.period
 
     def rig_of_frames(self, rig: Rig) -> Rig:
-        """The law's own: what it takes the servo's gain for is in its goals."""
+        """The law's own rig: goals are computed with the gain of the servo that the law assumes."""
         return self.rig
 
     def sliding(self) -> Law:
-        """With a rig without dry friction."""
+        """This law, which takes the rig to be without dry friction."""
         return dataclasses.replace(self, rig=sliding_rig(self.rig))
 
     def start(self, rig: Rig, pulses: ArrayLike, **options: Any) -> Running:
@@ -105,7 +106,7 @@ class ModelLaw(Law):
 
     def require_stable(self, rig: Rig, pulses: ArrayLike) -> None:
         """Refuse what `start` refuses: an unstable loop."""
-        # Elastic gears of the machine come first, then those that the model states.
+        # Elastic gears of the machine, where its rig states them, else those of the law's model.
         stated = rig if getattr(rig.drive, "elasticity", None) is not None else self.rig
         # Rigid loops with a moderate bandwidth are stable by design, and cost no linearisation.
         fast = getattr(self, "bandwidth", 0.0) * self.rig.period > _FAST
@@ -116,7 +117,8 @@ class ModelLaw(Law):
         )
         try:
             pole = SampledLoops(self.arm, stated, self, stated.cell_centre(counts)).unstable_pole()
-        except ValueError:  # it cannot hold this pose at rest, so there is no loop to linearise
+        except ValueError:
+            # The motors cannot hold this pose at rest: there is no equilibrium to linearise at.
             return
         if pole is not None:
             speed = ""
@@ -149,7 +151,7 @@ class ModelLaw(Law):
         return parts | {"inertia": inertia}
 
     def block(self, rig: Rig) -> Block:
-        # The law may run on another rig than its own, which must fit in what its equations assume.
+        # The law may run on another rig than its own, if the law's equations hold for it.
         rig.require_fit(self.arm.dynamics.chain)
         if abs(rig.period - self.rig.period) > 1e-9 * self.rig.period:
             periods = f"every {self.rig.period:.6g} s; got {rig.period:.6g} s"

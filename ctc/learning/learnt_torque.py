@@ -28,17 +28,17 @@ class LearntTorque(Law):
     law : Law
         Any controller.
     rig, reference : Rig, Reference
-        Rig and path of the repetitions.
+        Rig on which, and path along which, `learn` repeated the motion.
     terms : (K n,) array_like
-        a_k of all joints [N m], k after k.
+        a_0 of all joints [N m], then a_1 of all joints, ...
     start_distance : float
         Distance [pulses] from the start of the path within which `start` accepts an arm.
 
     Raises
     ------
     ValueError
-        Terms that are not a whole number per joint; later, another rig, or a path that is another
-        one.
+        Terms whose number is no multiple of the joints. `start` and simulations refuse another rig
+        and another path.
 
     See Also
     --------
@@ -66,21 +66,22 @@ class LearntTorque(Law):
         # Learnt torques do not nest: `learn` adds to the terms of the outer law instead.
         if self.law.replays or isinstance(self.law, LearntTorque):
             raise ValueError(
-                f"law must be a controller; got {type(self.law).__name__}. Give the law below it."
+                f"law must be a controller; got {type(self.law).__name__}. Give its inner law."
             )
         if not len(self.terms) or len(self.terms) % self.rig.n:
             raise ValueError(
-                f"terms must be some for each of {self.rig.n} joints; got {len(self.terms)}. Add"
-                " zeros."
+                f"terms must be as many for each of {self.rig.n} joints; got {len(self.terms)} in"
+                " all. Add zeros."
             )
 
     @property
     def period(self) -> float | None:  # type: ignore[override]  # declared, and here the law's
-        """The law's [s], or None."""
+        """Period of the inner law [s]; None of one that is not sampled."""
         return self.law.period
 
     @property
-    def arm(self) -> Any:  # the law's, or None
+    def arm(self) -> Any:
+        """Arm of the inner law; None of a law without a model."""
         return getattr(self.law, "arm", None)
 
     def torque(self, t: ArrayLike) -> Floats:
@@ -104,12 +105,13 @@ class LearntTorque(Law):
         if reference != self.reference:
             raise ValueError(
                 "reference must be the path along which it was learnt; got another"
-                f" {type(reference).__name__}. Learn along it, or use the mended arm and rig."
+                f" {type(reference).__name__}. Learn along it, or use the arm and rig that learn"
+                " corrected."
             )
 
     def block(self, rig: Rig) -> Block:
         """This law as a symbolic step for the rig on which it was learnt."""
-        # These numbers convert counts and currents. Friction and the other parameters may be
+        # These numbers convert counts, currents and time. Friction and the other parameters may be
         # identified again without loss of the learnt torque.
         for name, path in (
             ("period", "period"),
@@ -130,7 +132,7 @@ class LearntTorque(Law):
         return super().block(rig)
 
     def start(self, rig: Rig, pulses: ArrayLike, **options: Any) -> Running:
-        """As `Law.start`, from where the path begins.
+        """As `Law.start`, for an arm that stands where the path begins.
 
         Raises
         ------

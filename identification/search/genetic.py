@@ -68,7 +68,7 @@ class GeneticSettings:
         Generations from one migration to the next.
     safe : bool
         Whether the best individual of a sub-population always survives, see `reinsert` and
-        `migrate`; False as in the original toolbox.
+        `migrate`; False as in the toolbox that the paper used.
     target : float or None
         Cost at which the search stops.
 
@@ -125,7 +125,7 @@ class GeneticSettings:
         if np.ndim(bits):
             # A list would make the frozen settings mutable.
             object.__setattr__(self, "bits_per_variable", tuple(bits))
-        # The number of variables is not known yet: check bits and coding on a box that fits.
+        # The number of variables is not known yet: check bits and coding with any box of as many.
         _code([(0, 1)] * max(np.size(bits), 1), self.bits_per_variable, self.coding)
 
     @classmethod
@@ -273,7 +273,7 @@ def minimize_genetic(
     # 3. Generations, until there is a reason to stop.
     state = initial_state
     message = _reason_to_stop(state, settings)
-    # The callback does not see generation 0, so that it cannot stop a run without a generation.
+    # The callback sees no state before generation 1, so that every run has one generation.
     while not message:
         state = _next_generation(state, settings, evaluate)
         message = _reason_to_stop(state, settings, callback is not None and bool(callback(state)))
@@ -432,7 +432,7 @@ def _points(name: str, value: ArrayLike, columns: int) -> Floats:
         # A value that is no array of numbers fails the check below, with the same message.
         array = np.array(np.nan)
     good = array.ndim == 2 and array.shape[1] == columns and np.isfinite(array).all()
-    # The shape of a wrong shape, otherwise the start of the value: it may be long.
+    # The message has the shape if that is wrong, otherwise the start of the value.
     got = f"shape {array.shape}" if np.isfinite(array).all() else f"{value!r:.60}".replace("\n", "")
     _require(
         good,
@@ -450,7 +450,7 @@ def decode(
     """Points (P, p) of chromosomes (P, L) in bounds (p, 2): lb + (ub - lb) I / (2^n - 1).
 
     I is the integer of n bits of a variable, most significant bit first; in Gray code each of its
-    digits is the running parity. Source: paper section 3.7.
+    digits is the parity of the bits up to it. Source: paper section 3.7.
     """
     lower, upper, widths = _code(bounds, bits_per_variable, coding)
     # Bits enter as numbers, so that the same check refuses a wrong shape.
@@ -527,8 +527,9 @@ def _by_rank(costs: Floats, fitness: Floats) -> Floats:
 def select(fitness: Floats, number: int, rng: np.random.Generator) -> NDArray[np.intp]:
     """Shuffled row numbers (number,) by stochastic universal sampling.
 
-    Each row occurs as often as its fitness lets expect, rounded up or down: equally spaced pointers
-    with one random offset fall on the cumulated fitness (N,). Source: paper section 3.7.
+    Each row occurs as often as its share of the fitness times `number`, rounded up or down. Equally
+    spaced pointers with one random offset fall on the cumulated fitness (N,). Source: paper section
+    3.7.
     """
     # One offset for all pointers has less scatter than independent draws.
     edges = np.cumsum(fitness)
@@ -572,7 +573,8 @@ def reinsert(
 ) -> tuple[Bits, Floats]:
     """Chromosomes (N, L), costs (N,) after offspring (M, L) replace the worst parents.
 
-    Costs are not compared. If safe, the best parent stays; of too many offspring the best go in.
+    Offspring replace parents of lower cost, too. If safe, the best parent stays. Of more offspring
+    than places the best are taken.
     Source: paper section 3.7.
     """
     # Replacing all but the best parent keeps the best cost from rising.
@@ -597,9 +599,10 @@ def migrate(
 ) -> tuple[Bits, Floats]:
     """Chromosomes (P, L), costs (P,) after simultaneous migration of copies in a complete net.
 
-    Each sub-population receives max(floor(N rate), 1) individuals (none at rate 0), drawn without
-    replacement from as many best of every other one. If safe, they replace its worst, never its
-    best; else its leading rows, whatever their cost. Source: paper section 3.7.
+    Each sub-population receives m = max(floor(N rate), 1) individuals, none at rate 0. They are
+    drawn without replacement from the m best of every other sub-population. If safe, m is at most
+    N - 1 and they replace the worst; else the leading rows, whatever their cost. Source: paper
+    section 3.7.
     """
     if rate == 0 or subpopulations == 1:
         return chromosomes.copy(), costs.copy()

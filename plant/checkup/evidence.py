@@ -266,10 +266,8 @@ def _common(values, stds):
 
 def _lag_evidence(experiment, joints):
     """Log odds of counts behind the reference, under a law that feeds its acceleration forward."""
-    law = experiment.record.law
-    # Any other law needs an error to act, and lags by itself. Input 3 of a law's step is the
-    # reference's acceleration, output 0 the torque.
-    if law is None or not block_of(law, experiment.record.rig).step.jac_sparsity(0, 3).nnz():
+    # Any other law needs an error to act, and lags by itself.
+    if not feeds_forward(experiment):
         return ()
     values, stds = np.array(
         [lag(experiment, i, friction=True) for i in joints or range(experiment.n)]
@@ -278,6 +276,12 @@ def _lag_evidence(experiment, joints):
     if np.abs(values).max() < _LEAST_LAG or np.ptp(values) > _LEAST_LAG:
         return ()
     return _common(values, stds)
+
+
+def feeds_forward(experiment: Experiment) -> bool:
+    """Whether the law's torque depends on the acceleration of the reference."""
+    law = experiment.record.law
+    return law is not None and block_of(law, experiment.record.rig).depends("asked", "qdd")
 
 
 # Samples of lag that a law leaves by what its model lacks.

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from plant.checkup.counts import hardly_asked
-from plant.checkup.evidence import delays, lag
+from plant.checkup.evidence import delays, feeds_forward, lag
 from plant.checkup.finding import Check, Finding, unless
 from plant.checkup.hypothesis import SELECTION, Cause, Ranking
 from plant.checkup.innovation import LEAST_MOTION
@@ -15,10 +15,9 @@ from plant.checkup.signals import TRACKING, Signals
 from plant.checkup.trials import Trials
 from plant.checkup.undo import counts_in_time
 from plant.checkup.without_arm import SWITCHES
-from plant.laws.law import block_of
 
 CAUSES = "swapped joints", "gear sign", "delay", "drive sign", "swapped torques", "units of torque"
-"""Checks whose findings the ranked list gives."""
+"""Checks that every table lists: by their causes, else by what `measured_findings` measures."""
 
 # A delay of which viscous friction is biased beyond use [samples], and one to look at.
 _VERY_LATE, _LATE = 2.0, 0.25
@@ -26,23 +25,24 @@ _VERY_LATE, _LATE = 2.0, 0.25
 # Factor between torques that means another unit, not a number of the machine.
 _OTHER_UNIT = 3.0
 
-# Standard deviations from which on an inertia, or a delay, is significant.
+# Standard deviations from which on an inertia, or a friction, is significant.
 _CERTAIN = 5.0
 
 
 def cause_findings(ranking: Ranking[Experiment]) -> Iterator[Finding]:
     """Yield a finding of each cause and joint that it concerns, the likeliest cause first."""
     for k, cause in enumerate(ranking.causes):
+        # The log before this cause is undone, and after it.
         before = ranking.experiments[k]
         after = ranking.experiments[k + 1]
         joints: Any = cause.joints or range(before.n)
         # Encoders and clock belong to the rig: one finding, not one per joint.
         if cause.check in ("rounding", "period"):
             joints = (None,)
+        # Both joints of an exchange have a finding, with the same advice.
         for i in joints:
             value, unit = _measured(cause, before, after, i)
             check = Check(cause.check, i, unit)
-            # The second joint of an exchange has the same advice.
             judge = check.look if _harmless(cause) else check.wrong
             yield judge(value, cause.line)
 
@@ -60,13 +60,14 @@ def _harmless(cause: Cause) -> bool:
 def _measured(cause, before, after, i):
     """The measured value of a cause at joint i, and its unit."""
     if cause.check == "swapped joints":
-        # The size that a user can check: how far the counts are off what they were asked for.
+        # `tracking` is a share of the variance: its root is the share that a plot shows.
         return 100 * np.sqrt(before.tracking[i]), "% off its reference"
     if cause.check == "gear sign":
         return before.signals.tracking_slope[i], "of the reference"
     if cause.check == "drive sign":
         if before.torques_of_law is not None:
             return _law_slope(before, i), "of the law's"
+        # With the right sign the inertia is certain to be positive; as logged it is its negative.
         return -after.motions[i].inertia if after.motions else None, "kg m^2"
     if cause.check == "swapped torques":
         # How much of the torque the joint's own motion explains, before the exchange.
@@ -77,7 +78,7 @@ def _measured(cause, before, after, i):
         if before.torques_of_law is not None:
             return abs(_law_slope(before, i)), "of the law's"
         return _rotor_inertias(before, i), "rotor inertias"
-    # A switch has no size: the gear is the factor that was forgotten, or counted twice.
+    # 1 and -1 are no factors but the direction; the factor that was forgotten is the gear.
     if cause.check in ("units of counts", "quantisation step") and cause.size in (1.0, -1.0):
         return abs(before.record.rig.drive.gear[i]) if "motor" in cause.name else None, ""
     if cause.check == "viscous friction":
@@ -99,7 +100,7 @@ def _rotor_inertias(experiment, i):
     return experiment.motions[i].inertia / rotor
 
 
-# -- where nothing is wrong ------------------------------------------------------------------------
+# -- joints without a cause ------------------------------------------------------------------------
 def measured_findings(experiment: Experiment, caused: set[tuple[str, Any]]) -> Iterator[Finding]:
     """Yield the findings of the table's checks and joints that no cause has, by what is measured.
 
@@ -147,8 +148,8 @@ def _slope(experiment, i):
 def _delay(experiment, i):
     check = Check("delay", i, "samples")
     signals = experiment.signals
-    law = experiment.record.law
-    # A delay against a motion that was not asked for has no meaning.
+    # A delay against a motion that was not asked for has no meaning. Without a reference `tracks`
+    # is true of every joint, and the torque decides.
     if not signals.tracks[i]:
         return Check("delay", i).unknown("the counts do not follow the reference")
     if experiment.torques_of_law is not None or (
@@ -165,10 +166,7 @@ def _delay(experiment, i):
         return Check("delay", i).unknown("neither reference nor torque")
     else:
         value, std = lag(experiment, i)
-        leads = (
-            law is not None and block_of(law, experiment.record.rig).step.jac_sparsity(0, 3).nnz()
-        )
-        if not leads and abs(value) > _LATE:
+        if not feeds_forward(experiment) and abs(value) > _LATE:
             return check.unknown("the law itself may lag", value)
     if not np.isfinite(value):
         return Check("delay", i).unknown("the motor hardly moves")

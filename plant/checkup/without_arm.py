@@ -1,7 +1,7 @@
 """What can be wrong with a log, its rig or its law, as far as no model of the arm is needed.
 
-One row per mistake: its words, how to undo it in a record, and the odds against it. `trials`
-scores all rows against a log; a row of a user's own joins the table there.
+One row per mistake: its words, how to undo it in a record, and the odds against it (natural
+logarithm). `plant.checkup.trials` scores all rows against a log, and adds a user's own rows.
 """
 
 from collections.abc import Iterator
@@ -70,7 +70,7 @@ from plant.checkup.undo import (
     with_rate,
 )
 
-# What tells rivals apart, where several rows need the same measurement.
+# Measurements that distinguish rows which explain a log alike.
 _LOAD = "Hold a known load: the torque is its weight times its lever."
 _RIGHT_ANGLE = "Turn a joint by a right angle, and compare the counts."
 _BLOCKED = "Block a motor at a known error: its torque is the gain times the error."
@@ -95,7 +95,7 @@ def _exchanges() -> Iterator[Hypothesis[Any]]:
             measurement="Move one joint alone: its columns are those that change.",
             scope=pairs,
             sizes=(0.0, 1.0),
-            # Torques come in the order of their counts.
+            # A log has its torques in the order of its counts.
             against=8.0 if name == "torques" else 5.0,
         )
 
@@ -156,7 +156,10 @@ def _turns() -> Iterator[Hypothesis[Any]]:
 
 
 def _units_of_torque() -> Iterator[Hypothesis[Any]]:
-    """Yield the rows: torques and currents in other units."""
+    """Yield the rows: torques and currents in other units.
+
+    A logged number times the factor is what the record should hold [N m of the joint, A].
+    """
     units = {
         "in mN m": ("torque", lambda rig: 1e-3),
         "in kN m": ("torque", lambda rig: 1e3),
@@ -237,7 +240,10 @@ def _kinds_of_torque() -> Iterator[Hypothesis[Any]]:
 
 
 def _units_of_both() -> Iterator[Hypothesis[Any]]:
-    """Yield the rows: counts and reference in other units."""
+    """Yield the rows: counts and reference in other units.
+
+    A logged number divided by the factor is what the record should hold [counts].
+    """
     gears = lambda rig: np.abs(rig.drive.gear)  # noqa: E731
     both = {
         "in degrees, not in radians": ("units of counts", lambda rig: 180 / np.pi),
@@ -316,7 +322,7 @@ def _resolutions() -> Iterator[Hypothesis[Any]]:
             measurement=_RIGHT_ANGLE,
             scope=scope,
             evidence=edges_evidence,
-            # Four sizes share the odds.
+            # Four sizes (2, 4, 1/2, 1/4) share the prior probability.
             against=6.5,
         )
 
@@ -448,7 +454,7 @@ def _sizes() -> Iterator[Hypothesis[Any]]:
             check="delay",
             sentence=f"The counts of {whose} are {{shift}}",
             remedy="Shift them.",
-            # A drive exports all joints in one row, and few logs tell that of every joint.
+            # A drive exports all joints in one row, so a delay of all is likelier than that of one.
             against=5.5 if alone else 5.0,
             undo=counts_in_time,
             measurement=_STEP,
@@ -506,7 +512,8 @@ def _stated() -> Iterator[Hypothesis[Any]]:
 
 
 def several(n: int) -> Iterator[Joints]:
-    """The scope of a mistake of all joints alike, of more than one."""
+    """The scope of a mistake of all joints alike; of a single joint `each_joint` is the scope."""
+    # The empty tuple stands for all joints.
     if n > 1:
         yield ()
 
@@ -527,4 +534,4 @@ TABLE: tuple[Hypothesis[Any], ...] = (
 )
 
 SWITCHES = tuple(row for row in TABLE if row.suggested is None and row.tolerance is None)
-"""Rows without a size that is estimated: a log whose counts are spoiled shows these alone."""
+"""Rows without a size to estimate from the motion: all that a log with useless counts shows."""

@@ -65,6 +65,12 @@ class Block:
     period: float | None
     sent: ca.Function | None = None
 
+    def depends(self, output: str, *inputs: str) -> bool:
+        """Whether an output of the step depends on one of these inputs; all by their names."""
+        row = self.step.index_out(output)
+        columns = [self.step.index_in(name) for name in inputs]
+        return any(self.step.jac_sparsity(row, column).nnz() for column in columns)
+
     def require_torque(self, what: str) -> None:
         """Refuse a block that sends goals or frames, for a target that takes torques alone."""
         if self.sent is not None:

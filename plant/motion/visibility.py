@@ -14,15 +14,16 @@ from plant.parts import Floats, Piece, Shown, Verdict, instance, real
 
 @dataclasses.dataclass(frozen=True, repr=False)
 class Visibility(Shown):
-    """Identifiable combinations of f under the excitation of a motion.
+    """Identifiable combinations of f, or of a load's parameters, under the excitation of a motion.
 
     Attributes
     ----------
     combinations : tuple of str
-        The sums of f that the torque of this motion identifies; a name alone where that f is
-        identifiable by itself.
+        The sums of parameters that the torque of this motion identifies; a name alone where that
+        parameter is identifiable by itself.
     invisible : tuple of str
-        Those of f without any effect on the torque of this motion, not even in a sum.
+        The parameters without an effect on the torque of this motion above the tolerance, not even
+        in a sum.
     condition : float
         Condition number of the regressor of the combinations, columns scaled to one length: some
         tens are good; above a thousand some combinations are badly separated, and their estimates
@@ -67,9 +68,10 @@ def visibility(
     start, duration : float
         A segment of the reference [s]; by default all of it.
     tolerance : float, optional
-        Component of a regressor's column outside the span of the others, relative to its length,
-        above which its parameter counts as identifiable by itself: 1e-6 by default, 1e-3 of a load,
-        whose rest noise hides.
+        Relative size below which a contribution to the torque counts as zero: of a column of the
+        regressor outside the span of the others, of a parameter in a sum, and of a column beside
+        the longest one. By default 1e-6; 1e-3 of a load, whose smaller contributions are below
+        noise.
 
     Returns
     -------
@@ -109,7 +111,7 @@ def visibility(
 def _along(
     dynamics: Dynamics, reference: Reference, start: float, duration: float | None
 ) -> Floats:
-    """Regressor along a segment of a reference, stacked: (states n, p)."""
+    """Regressor along a segment of a reference, stacked: (500 n, p)."""
     instance(
         "dynamics",
         dynamics,
@@ -128,7 +130,7 @@ def _along(
             f"the segment must be in the reference, 0 to {end:g} s; got {start:g} to"
             f" {start + duration:g} s. Change start or duration."
         )
-    # 500 instants, several times the parameters of any arm.
+    # 500 instants: several times as many as any arm has parameters.
     motion = reference(np.linspace(start, start + duration, 500))
     return np.vstack([dynamics.Y(*state).full() for state in zip(*motion, strict=True)])
 
@@ -136,8 +138,8 @@ def _along(
 def _identifiable(regressor: Floats, parameters: Sequence[str], tolerance: float) -> Visibility:
     """Combinations of parameters that a regressor with a column for each identifies."""
     lengths = np.linalg.norm(regressor, axis=0)
-    # Of dependent columns the leading one stands for the sum; the matrix has the factors of the
-    # others.
+    # The leading column of a sum stands for it; a row of the matrix has the factors of all columns
+    # in that sum.
     independent, matrix = independent_columns(regressor, range(len(parameters)), tolerance)
     # Within a sum, a parameter that is a sum itself stands in brackets.
     summands = [f"({name})" if " " in name else name for name in parameters]
@@ -148,7 +150,7 @@ def _identifiable(regressor: Floats, parameters: Sequence[str], tolerance: float
             if k != column:
                 terms.append(f"{'-' if row[k] < 0 else '+'} {abs(row[k]):.4g} {summands[k]}")
         combinations.append(" ".join(terms))
-    # Their columns are zero: they have no effect on the torque of this motion.
+    # Columns that are short beside the longest one: no effect on the torque above the tolerance.
     invisible = np.flatnonzero(lengths <= tolerance * lengths.max())
     # Columns of one length: the units of the parameters must not count.
     scaled = regressor[:, independent] / lengths[independent]

@@ -1,7 +1,7 @@
 """Common parts of the exports to C: target, files from templates (`plant/realtime/c`), and output.
 
-With the elementary functions of ``c/elementary.c`` instead of the library's, double precision gives
-the same bits on every processor.
+C libraries of processors round sines and exponentials differently. With those of
+``c/elementary.c`` in their place, double precision gives the host's bits on every processor.
 """
 
 import re
@@ -67,7 +67,7 @@ class Target(NamedTuple):
             joint = rig.joint_labels[int(lost.argmax())]
             raise ValueError(
                 f"precision must be 'double' for {joint}: in single it rounds by {lost.max():.2g}"
-                f" pulses within a turn; at most {_LOST:g} are lost unseen. Use double, or an"
+                f" pulses within a turn; at most {_LOST:g} changes no count. Use double, or an"
                 " encoder of fewer pulses."
             )
         # A count above 2^24 is not exact in single precision.
@@ -103,28 +103,32 @@ class Target(NamedTuple):
         return values | {"clock": ", double now", "at": "now", "passed": ", now", "never": "NAN, "}
 
     @property
+    def exact(self) -> bool:
+        """Whether a processor must give the host's bits: only double precision promises that."""
+        return self.name is not None and not self.single
+
+    @property
     def elementary(self) -> str:
-        """Elementary functions that replace those of a processor's library."""
-        # Single precision has the library's functions: only double precision promises the host's
-        # bits.
-        has_own = self.name is not None and not self.single
-        # Libraries of processors round sines differently: own functions give the host's bits.
-        return fragment("elementary.c", {}) if has_own else ""
+        """Elementary functions that replace those of a processor's C library."""
+        return fragment("elementary.c", {}) if self.exact else ""
 
     def translated(self, text: str) -> str:
         """C of the templates as it is for this target; comments, strings and file names stay."""
-        if not self.single and self.name is None:
+        if self.single:
+            change = _in_single
+        elif self.exact:
+            change = _with_elementary
+        else:
             return text
         # The pattern is a group, so every second part is a comment, a string or a file name.
         parts = re.split(f"({_APART})", text, flags=re.DOTALL)
-        change = _in_single if self.single else _with_own
         return "".join(part if i % 2 else change(part) for i, part in enumerate(parts))
 
 
 HOST = Target(None, False)
 
 
-def _with_own(text: str) -> str:
+def _with_elementary(text: str) -> str:
     return re.sub(
         rf"\b({'|'.join(_ELEMENTARY)})\(", lambda match: f"{_ELEMENTARY[match[1]]}(", text
     )
@@ -134,13 +138,14 @@ def _in_single(text: str) -> str:
     """Every number and function of C99 in single precision."""
     text = re.sub(r"\bdouble\b", "float", text)
     text = re.sub(rf"\b({_LIBRARY})\(", r"\1f(", text)
-    # A constant without f would make its whole expression double, slow on a processor without it.
+    # A constant without f would make its whole expression double, which processors without double
+    # precision in hardware compute slowly.
     return re.sub(r"(?<![\w.])(\d+\.\d*(?:e[+-]?\d+)?|\d+e[+-]?\d+)(?![\w.])", r"\1f", text)
 
 
 _TEMPLATES = Path(__file__).with_name("c")
 
-# The same for a law alone and for a running controller, which fill it differently.
+# `Law.to_c` and `Running.to_c` fill the same two templates with different values.
 CONTROLLER = {".h": _TEMPLATES / "controller.h", ".c": _TEMPLATES / "controller.c"}
 
 # Without contraction of a product and a sum, which would round otherwise than the host.

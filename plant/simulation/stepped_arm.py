@@ -20,7 +20,8 @@ def stepped_loop(arm: Arm, rig: Rig, steps_per_sample: int, sweeps: int) -> Clos
     instance("rig", rig, Rig, "The order is arm, rig, q.")
     if rig.transport is not None or rig.jitter is not None:
         raise ValueError(
-            "rig must be without transport and jitter here; got one. Delay the script's own calls."
+            "rig must be without transport and jitter here; got one of them. Delay the calls of"
+            " step in the script."
         )
     # A law that repeats a logged torque: the script writes it, sample by sample.
     law = LoggedTorque()
@@ -37,8 +38,10 @@ class SteppedArm:
     ----------
     arm : Arm
     rig : Rig
-    q, qd : (n,) array_like
-        Position [rad] and velocity [rad/s] at the start; by default at rest.
+    q : (n,) array_like
+        Position at the start [rad].
+    qd : (n,) array_like, optional
+        Velocity at the start [rad/s]; by default zero.
     steps_per_sample, sweeps : int
         As for `simulate`.
 
@@ -99,11 +102,11 @@ class SteppedArm:
         # The torque is held over a sample, so that its sub-steps have the same inputs.
         self._step_time = np.tile(loop.time_with(), (steps_per_sample, 1))
         self._torque = list(loop.time_fields.at(self.n)["logged"])
-        # Places of the quantities in the state, read once for all samples.
+        # A state of places in place of values: what is read from it is where each quantity stands.
         places = loop.read_state(np.arange(len(self._state)))
         self._q, self._qd = loop.joint_motion(places)
         self._encoded = loop.encoded(places)
-        # Written by the kernel and not read: the state says all that a script needs.
+        # Rows of the log and of the sub-steps: the kernel writes them, and nobody reads them here.
         self._logs = np.empty((1, loop.n_log)), np.empty((steps_per_sample, self.n))
 
     @property
@@ -143,7 +146,7 @@ class SteppedArm:
         Parameters
         ----------
         torque : (n,) array_like
-            Held from now to the next sample [N m]; the amplifier's limit is kept.
+            Held from now to the next sample [N m]; the amplifier limits it.
 
         Returns
         -------
@@ -155,7 +158,8 @@ class SteppedArm:
         DivergenceError
             A motion that does not stay bounded.
         """
-        # The loop repeats the torque as if a log had it; its law has no steps and no data.
+        # The torque stands in the column of a logged one. A law that repeats a log has no steps
+        # and no data, so these two tables are empty.
         self._step_time[:, self._torque] = array(
             "torque", torque, (self.n,), advice="Give one per joint [N m]."
         )

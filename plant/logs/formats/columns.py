@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 
 class RefusalError(ValueError):
-    """A message that is complete: what was expected, what came, what to do; without the path."""
+    """What was expected, what came, what to do; the caller puts the path of the file before it."""
 
 
 @contextlib.contextmanager
@@ -46,7 +46,7 @@ def choice_of(names: Collection[str] | None, prefix: str) -> Callable[[str], boo
 
     An array of which an element is wanted is wanted itself.
     """
-    # Without names the prefix chooses; the parent has put the prefix before each given name.
+    # Without names the prefix chooses; the caller has put the prefix before each given name.
     if names is None:
         return lambda name: name.startswith(prefix)
     homes = {match[1] for name in names if (match := _ELEMENT.fullmatch(name))}
@@ -87,28 +87,29 @@ def require_size(size: int, max_bytes: int) -> None:
         )
 
 
-def require_real(name: str, kind: Any, sound: bool) -> None:
-    """Refuse a column whose kind is no sound one: no real numbers."""
-    if not sound:
+def require_real(name: str, kind: Any, is_real: bool) -> None:
+    """Refuse a column whose kind holds no real numbers; the caller knows which kinds do."""
+    if not is_real:
         raise RefusalError(
             f"must hold real numbers; got {kind} in column {name!r}. Leave it out with names=."
         )
 
 
 class Block(NamedTuple):
-    """Columns (N,) or (N, k), and what each of the k is called, where they have names."""
+    """Columns (N,) or (N, k), and the labels of the k columns, where they have any."""
 
     values: Any
     labels: tuple[str, ...] = ()
 
     def elements(self, name: str) -> Iterator[str]:
         """Names of the block's columns, of a block that is called `name`."""
-        # Elements have names or numbers, never both: a message would offer each column twice.
-        if self.values.ndim == 2:
+        if self.values.ndim != 2:
+            return
+        # Labels or numbers, never both: a message would offer each column twice.
+        if self.labels:
             yield from (f"{name}.{label}" for label in self.labels)
-            yield from (
-                f"{name}[{i}]" for i in range(self.values.shape[1] if not self.labels else 0)
-            )
+        else:
+            yield from (f"{name}[{i}]" for i in range(self.values.shape[1]))
 
 
 def home_of(wanted: str, names: Iterable[str]) -> str | None:
@@ -135,16 +136,19 @@ def picked(wanted: str, blocks: Mapping[str, Block]) -> Any:
     # A label may hold any character, so it is compared as a whole and not parsed.
     if rest[1:] in block.labels and rest[0] == ".":
         return block.values[:, block.labels.index(rest[1:])]
+    # The pattern needs a name before the element: any letter will do.
     match = _ELEMENT.fullmatch(f"_{rest}")
-    index = int(match[2] or match[3]) if match is not None and match[1] == "_" else -1
-    return block.values[:, index] if 0 <= index < block.values.shape[1] else None
+    if match is None or match[1] != "_":
+        return None
+    index = int(match[2] or match[3])
+    return block.values[:, index] if index < block.values.shape[1] else None
 
 
 def oriented(columns: Mapping[str, Any]) -> dict[str, Any]:
     """Arrays with their samples along the rows.
 
-    Axes of length one go where there are more than two. The length of the vectors tells which axis
-    of an array is that of the samples; without vectors it is the longer one.
+    An array of more than two axes loses those of length one. The length of the vectors tells which
+    axis of an array is that of the samples; without vectors it is the longer one.
     """
     arrays = {
         name: column.squeeze() if column.ndim > 2 else column for name, column in columns.items()
