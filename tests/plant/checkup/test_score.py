@@ -4,16 +4,13 @@ import dataclasses
 
 import numpy as np
 import pytest
+from machine_plans import STAND, gains
 
 from plant import (
-    Body,
     Cascade,
-    Chain,
     Drive,
     Dynamics,
     Encoder,
-    Harmonics,
-    Link,
     Record,
     Rig,
     simulate,
@@ -21,48 +18,31 @@ from plant import (
 from plant.checkup.score import Experiment
 from plant.checkup.undo import counts_in_time, exchanged_torques
 
-CHAIN = Chain(
-    links=(
-        Link(name="turret"),
-        Link(name="boom", alpha=-np.pi / 2, a=0.05),
-        Link(name="stick", a=0.35, d=0.04),
-    ),
-    bodies=(
-        Body(mass=6.0, com=(0.01, 0.02, -0.1), inertia=(0.08, 0, 0, 0.08, 0, 0.05)),
-        Body(mass=5.0, com=(0.16, 0.0, 0.05), inertia=(0.02, 0, 0, 0.08, 0, 0.08)),
-        Body(mass=2.5, com=(0.12, 0.02, 0.02), inertia=(0.006, 0, 0, 0.03, 0, 0.03)),
-    ),
-)
-PATH = Harmonics(
-    period=5.0,
-    offset=(0.0, -0.7, 0.6),
-    cosine=((0.5, -0.3, 0.1), (0.3, -0.2, 0.1), (-0.4, 0.2, 0.15)),
-    sine=((-0.3, 0.3, 0.2), (-0.25, 0.2, 0.1), (0.3, -0.3, 0.1)),
-)
-
 
 @pytest.fixture(scope="module")
 def experiment():
     """Every fourth sample of a cascade at 4 kHz; the loop answers its counts in between, too."""
-    gear = np.array((100.0, -120.0, 80.0))
     drive = Drive(
-        gear=gear,
-        motor_inertia=(9e-5, 7.6e-5, 4.7e-5),
-        viscous=(4e-4, 3.5e-4, 3.1e-4),
-        coulomb=(0.03, 0.033, 0.019),
-        motor_gain=(0.1, 0.1, 0.08),
+        gear=STAND.gear,
+        motor_inertia=STAND.rotor / STAND.gear**2,
+        viscous=STAND.viscous / STAND.gear**2,
+        coulomb=STAND.coulomb / np.abs(STAND.gear),
+        motor_gain=STAND.motor_gain,
         current_limit=(40.0, 40.0, 40.0),
     )
-    encoder = Encoder(resolution=(2000.0, 2000.0, 2000.0), rounding="floor")
-    rig = Rig(drive=drive, encoder=encoder, period=2.5e-4)
-    dynamics = Dynamics.from_chain(CHAIN.with_rotors(drive))
+    encoder = Encoder(resolution=STAND.resolution, rounding="floor")
+    rig = Rig(drive=drive, encoder=encoder, period=STAND.speed_period)
+    dynamics = Dynamics.from_chain(STAND.chain.with_rotors(drive))
     arm = dynamics.arm(dynamics.f())
-    # Gains of one bandwidth, 90 rad/s, on the inertia of each joint.
-    speed = 90.0 * np.diag(arm.D(PATH([0.0]).q[0])) / np.abs(gear) / np.abs(rig.counts(np.ones(3)))
+    position, speed, integral = gains(STAND)
     law = Cascade(
-        position=(18.0, 18.0, 18.0), speed=speed, integral=8 * speed, difference=2, period=2.5e-4
+        position=position,
+        speed=speed,
+        integral=integral,
+        difference=2,
+        period=STAND.speed_period,
     )
-    made = simulate(arm, rig, law, PATH, duration=5.0)
+    made = simulate(arm, rig, law, STAND.path, duration=5.0)
     record = Record(
         t=made.t[::4],
         error_pulses=made.error_pulses[::4],
