@@ -217,6 +217,7 @@ def test_a_contradicted_prior_is_said():
     assert "\n" not in line
 
 
+@pytest.mark.slow
 def test_a_prior_that_holds_the_log_down_is_said_first():
     """So narrow that nothing comes from the log: what is left over looks like the rig's."""
     half = tuple(

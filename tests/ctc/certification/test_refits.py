@@ -33,6 +33,7 @@ def again(found):
     return refits(found, ((0.9 * HZ, 1.1 * HZ),), (RATIO, RATIO), START)
 
 
+@pytest.mark.slow
 def test_the_fit_at_the_resonance_of_the_robot_is_nearest_to_it(found, again):
     deviation = np.sqrt(np.diag(again.covariances[again.nearest(np.array([0.5]))[0]]))
     rigid, true = (

@@ -144,6 +144,7 @@ def test_stated_weights_are_used_up_to_a_factor(logs):
     assert np.abs(other.values - once.values).max() > default.std.min()
 
 
+@pytest.mark.slow
 def test_deviations_are_those_of_repeated_experiments_whatever_the_weights(logs):
     """White noise and weights that do not fit it: the scatter of 40 fits is what each of them
     says.

@@ -94,6 +94,7 @@ def test_lost_rows_are_no_other_law():
     assert torque_apart(dataclasses.replace(record, valid=every.astype(float))) is None
 
 
+@pytest.mark.slow
 def test_identification_names_late_counts_and_lost_rows_first():
     record, labels = cut(LAWS["PID"]), ARM.dynamics.chain.joint_labels
     late = np.array(record.counts)

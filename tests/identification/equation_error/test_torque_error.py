@@ -125,6 +125,7 @@ def test_bounded_least_squares_is_scipys():
     assert active > 50
 
 
+@pytest.mark.slow
 def test_friction_is_not_negative_and_its_interval_holds(made):
     """A joint without viscous friction: half of the estimates are at the bound, and 95 % hold."""
     arm, rig, stated, motion, torque = made

@@ -121,6 +121,7 @@ def test_slow_rows_are_left_out_joint_by_joint(made):
     assert good.relative_error < 0.2 * bad.relative_error
 
 
+@pytest.mark.slow
 def test_intervals_hold_where_the_torque_error_lasts(made):
     """An error of the torque that stays for a tenth of the log, as of a warm motor: noise alone
     says too little.
@@ -142,6 +143,7 @@ def test_intervals_hold_where_the_torque_error_lasts(made):
     assert np.mean(by_noise) < 0.8
 
 
+@pytest.mark.slow
 def test_standard_deviations_are_those_of_repeated_experiments(made):
     """White torque noise, ten times as large on joint 1: the scatter of 40 fits is what each of
     them says.

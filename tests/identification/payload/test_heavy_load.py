@@ -98,6 +98,7 @@ def known_load():
     return load(loaded())
 
 
+@pytest.mark.slow
 def test_the_interval_holds_the_mass_and_counts_what_is_uncertain_of_the_arm():
     found, exact = known_load(), load(loaded(), DYNAMICS.arm(EMPTY))
     for each in (found, exact):

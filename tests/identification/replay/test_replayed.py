@@ -110,6 +110,7 @@ def test_the_arm_its_friction_and_the_zeros_are_found():
     assert found().fit.rms_innovation < 0.6
 
 
+@pytest.mark.slow
 def test_the_simulated_runs_begin_where_the_zeros_are():
     """Free runs are compared with the records moved to where they began: far closer than
     without.

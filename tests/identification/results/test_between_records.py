@@ -126,6 +126,7 @@ def test_of_a_record_that_alone_does_not_tell_all_no_mean_is_made():
     assert "Identify each alone, and compare" in found.warnings[0]
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::identification.IdentificationWarning")
 def test_a_record_that_alone_does_not_tell_all_is_left_out_of_the_mean_of_the_others():
     records = [repeated(0.1), repeated(-0.1), repeated(0.1).cut(0.0, 0.3)]

@@ -39,6 +39,7 @@ def test_friction_is_that_of_the_robot_afterwards():
     assert quick(record).causes == ()
 
 
+@pytest.mark.slow
 def test_an_offset_becomes_one_of_the_curve():
     offset = 0.4 * RIG.drive.coulomb * np.sign(RIG.drive.gear)
     (record,) = quick(log(law=PID_LAW, curve=FrictionCurve(offset=offset))).corrected

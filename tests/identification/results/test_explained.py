@@ -36,6 +36,7 @@ def test_values_that_are_off_explain_less(found):
     np.testing.assert_allclose(wrong.explained, 100 * (1 - error.relative), atol=1e-9)
 
 
+@pytest.mark.slow
 def test_a_law_with_a_memory_gives_its_torque():
     """It is run along its log, which holds no torque, from where it was at the first sample."""
     case = drawn(1, torque=False)

@@ -321,7 +321,7 @@ def written_to(driven, name, target, **options):
         return write_model(found[name], folder / name, target, nearest=True, **options)
 
 
-@pytest.mark.parametrize("smooth", [False, True])
+@pytest.mark.parametrize("smooth", [pytest.param(False, marks=pytest.mark.slow), True])
 @pytest.mark.parametrize("name", ["arm.urdf", "arm.xml"])
 def test_the_loop_in_mujoco_is_ours_within_a_pulse(driven, tmp_path, name, smooth):
     """Motors, friction, rotors and bodies of the file alone; both joints turn, since MuJoCo's

@@ -184,6 +184,7 @@ def test_two_logs_of_a_rigid_robot_agree():
     assert "the records agree" in str(detection)
 
 
+@pytest.mark.slow
 def test_an_offset_that_intervals_count_anyway_is_no_contradiction():
     """0.2 % of the motors' torques, seen by fine encoders: told where the rig is stated to have
     none.
@@ -236,6 +237,7 @@ def test_backlash_is_seen_where_the_load_changes_sign():
     assert any("has backlash, about" in text for text in found.warnings)
 
 
+@pytest.mark.slow
 def test_wide_backlash_is_told_by_where_the_load_changes_sign():
     """Wider than is fitted, fine counts, about hanging; without it, nothing is told there."""
     cosine, sine = ((0.3, 0.1), (0.1, 0.2)), ((0.1, -0.1), (-0.3, 0.1))
@@ -357,7 +359,7 @@ def test_motors_that_cog_are_named_beside_logged_torques():
     assert re.match(r"motors cog: 0.0[56]\d* N m, 6 times per turn, at joint 2", said)
 
 
-@pytest.mark.parametrize("law", [None, PID_LAW])
+@pytest.mark.parametrize("law", [None, pytest.param(PID_LAW, marks=pytest.mark.slow)])
 def test_friction_that_changes_along_the_log_is_named_with_its_joint_and_size(law):
     """Of one motor, along a motion that repeats; its mean is other friction, which comes first."""
     path = Harmonics(
@@ -380,6 +382,7 @@ def test_friction_that_changes_along_the_log_is_named_with_its_joint_and_size(la
     }
 
 
+@pytest.mark.slow
 def test_an_offset_whose_estimate_is_too_large_is_fitted_all_the_same():
     """Where a joint turns back it sticks, so that small changes tell too little of large ones."""
     truth = 0.4 * RIG.drive.coulomb * np.sign(RIG.drive.gear)
@@ -390,6 +393,7 @@ def test_an_offset_whose_estimate_is_too_large_is_fitted_all_the_same():
     np.testing.assert_allclose(list(sign.values.values()), truth, rtol=0.2)
 
 
+@pytest.mark.slow
 def test_a_load_in_a_record_held_out_is_told_as_a_change():
     """Observer gains that suit the others lose it."""
     light = dataclasses.replace(

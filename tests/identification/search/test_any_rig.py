@@ -33,7 +33,8 @@ def test_no_value_is_off_by_five_deviations_unless_something_is_said(seed):
     assert np.abs((estimate.fit.values - case.truth) / estimate.fit.std).max() < 5
 
 
-@pytest.mark.parametrize("seed", [106, pytest.param(96, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [96, 106])
 def test_counts_that_fast_hardware_felt_are_no_lag_of_its_torques(seed):
     """What rounding adds to the torque within a sample explained the log with odds of 100."""
     case = drawn(seed)

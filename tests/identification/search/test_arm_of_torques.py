@@ -51,6 +51,7 @@ def test_turned_torques_give_none(record, monkeypatch):
         identify(ARM.dynamics, turned, progress=False)
 
 
+@pytest.mark.slow
 def test_prediction_that_leaves_the_torques_gives_way(record, monkeypatch):
     """An arm of twice the gravity may follow the counts by its observer, not the torques."""
     polished = methods.polished
@@ -79,6 +80,7 @@ def test_no_offset_is_found_where_none_is():
     assert not [name for name in found.fit.unknown if "offset" in name]
 
 
+@pytest.mark.slow
 def test_slopes_that_differ_by_direction_are_no_offset():
     """Viscous friction of joint 2 is half as large again forwards as backwards."""
     slopes = np.array([0.2, 0.0]) * RIG.drive.viscous

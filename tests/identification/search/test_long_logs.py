@@ -88,6 +88,7 @@ def test_f_is_that_of_the_whole_log_and_its_intervals_too(short, monkeypatch):
     assert told not in str(whole)
 
 
+@pytest.mark.slow
 def test_friction_that_rises_in_the_last_eighth_is_told(short):
     found = identify(
         ARM.dynamics, changed(COUNT * 7 // 8), method="prediction_error", progress=False

@@ -61,7 +61,7 @@ def test_noise_is_told_from_motion_jumps_and_another_law():
     assert right == pytest.approx((0.05, 0.2), rel=0.05)
 
 
-@pytest.mark.parametrize("begin", [0.0, 0.83])
+@pytest.mark.parametrize("begin", [0.0, pytest.param(0.83, marks=pytest.mark.slow)])
 def test_a_stated_law_gives_its_torque_without_the_noise(begin):
     """Repeated with its noise, the current left 0.5 pulses, and deviations twenty times as wide."""
     record = log(law=LAW)
@@ -77,6 +77,7 @@ def test_a_stated_law_gives_its_torque_without_the_noise(begin):
     np.testing.assert_allclose(estimate.fit.values, TRUE, rtol=5e-4, atol=1e-3)
 
 
+@pytest.mark.slow
 def test_a_torque_that_is_not_the_laws_tells_no_state():
     assert told_by_torque(log(law=LAW)) is not None
     wrong = dataclasses.replace(LAW, speed=1.05 * LAW.speed)

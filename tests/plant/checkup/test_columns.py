@@ -103,7 +103,7 @@ def read(table, measured="p", rig=RIG, turned=()):
     )
 
 
-@pytest.mark.parametrize("spoiled", [("i",), ("p", "r")])
+@pytest.mark.parametrize("spoiled", [("i",), pytest.param(("p", "r"), marks=pytest.mark.slow)])
 def test_a_current_of_the_other_sign_is_turned_back(table, spoiled):
     """A motion that is turned as a whole is that of a motor with the other sign of its current."""
     record = read(table, turned=spoiled)

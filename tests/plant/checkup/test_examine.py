@@ -106,10 +106,14 @@ def records():
     return dict(healthy())
 
 
-def test_healthy_records_are_all_fine(records):
+QUICK = ("P 3.65", "slow", "harmonics 1", "point to point, then rest", "quiet computed torque")
+
+
+@pytest.mark.parametrize("names", [QUICK, pytest.param(None, marks=pytest.mark.slow)])
+def test_healthy_records_are_all_fine(records, names):
     assert len(records) >= 20
-    for name, record in records.items():
-        checkup = record.check()
+    for name in names or records:
+        checkup = records[name].check()
         assert checkup.ok, f"{name}\n{checkup}"
 
 
@@ -506,10 +510,12 @@ def weak(record):
     return replace(record.rig, drive=replace(record.rig.drive, current_limit=limit))
 
 
+@pytest.mark.parametrize("number", [1, pytest.param(None, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("defect", DEFECTS)
-def test_defect_is_found_by_its_own_line(records, defect):
+def test_defect_is_found_by_its_own_line(records, defect, number):
+    """In the last of the records that may have it, and as a study in all of them."""
     names, spoil, check, joint, value, tolerance = DEFECTS[defect]
-    for name in names:
+    for name in names[-number:] if number else names:
         checkup = spoil(records[name]).check()
         found = [f for f in checkup.problems if f.check == check and f.joint == joint]
         assert found, f"{name}\n{checkup}"
