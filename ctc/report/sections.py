@@ -11,7 +11,7 @@ from ctc.certification.certificates import Certificates
 from ctc.report.page import figure, section
 from identification.equation_error.naming import units as units_of
 from identification.results.seen import counted, drifting, seen
-from identification.results.summary import doubts, explained_torque
+from identification.results.summary import doubts, explained_torque, verdict_of
 from plant.parts.shown import body, details, items, preformatted, table, text
 
 _UNRELIABLE = ", of an unreliable identification"
@@ -38,16 +38,12 @@ def _verdict(identification: Any, evaluation: Any, certificate: Any) -> str:
     lines = []
     doubtful = doubts(identification)
     if doubtful:
+        title = "The identification is unreliable"
         reason = "The warnings below give the reasons."
-        lines.append((False, "The identification is unreliable", reason))
     else:
-        lines.append(
-            (
-                True,
-                "Nothing in the log contradicts what was stated",
-                "What was tested, and what would have been seen, stands under Assumptions.",
-            )
-        )
+        title = verdict_of(identification).sentence.removesuffix(".")
+        reason = "What was tested, and what would have been seen, stands under Assumptions."
+    lines.append((bool(verdict_of(identification).good), title, reason))
 
     # 2. The controller on the arm as identified.
     if evaluation is not None:

@@ -78,6 +78,18 @@ def warn_of_doubts(result: Any, user: str) -> None:
         )
 
 
+def verdict_of(result: Any) -> Verdict:
+    """Whether the log of an `Identification` contradicts what was stated."""
+    # Warnings that hold for any log are printed, but do not make a result unreliable.
+    doubtful = len(doubts(result))
+    if doubtful:
+        return Verdict(f"Unreliable: {doubtful} warning{'s' * (doubtful > 1)}, below.", False)
+    # Silence is no evidence where the tests could not be made.
+    if result.diagnostics.detection.reason is not None:
+        return Verdict("Nothing contradicts what was stated, but the rig was not tested.")
+    return Verdict("Nothing in the log contradicts what was stated.", True)
+
+
 def summary_of(result: Any, full: bool) -> Iterator[Piece]:
     """Pieces of the summary of an `Identification`: verdict, values, tests, assumptions.
 
@@ -87,12 +99,7 @@ def summary_of(result: Any, full: bool) -> Iterator[Piece]:
     warnings = result.warnings
 
     # 1. Verdict, and how the values were found.
-    # Warnings that hold for any log are printed, but do not make a result unreliable.
-    doubtful = len(doubts(result))
-    if doubtful:
-        yield Verdict(f"Unreliable: {doubtful} warning{'s' * (doubtful > 1)}, below.", False)
-    else:
-        yield Verdict("Nothing in the log contradicts what was stated.", True)
+    yield verdict_of(result)
     yield f"{result.search.method}, {len(result.records)} record(s): {result.message}"
     yield from _noise_of_torque(result)
     if any(is_long(along_log(record)) for record in (*result.records, *result.held_out)):

@@ -89,6 +89,8 @@ def main():
             f" innovation {estimate.fit.rms_innovation:.3f}, {seconds:.1f} s",
             flush=True,
         )
+        if estimate.diagnostics.detection.reason is not None:
+            print(f"    not tested: {estimate.diagnostics.detection.reason}", flush=True)
         for line in estimate.doubts:
             print(f"    {line[:200]}", flush=True)
     rms = np.sqrt(np.mean(np.concatenate(clean) ** 2)) if clean else np.nan

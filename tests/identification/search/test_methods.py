@@ -14,7 +14,9 @@ from ctc import ComputedTorque, evaluate
 from identification import GeneticSettings, Objective, identify
 from identification.equation_error.pulse_fit import equation_error, mode_in, pass_band
 from identification.equation_error.torque_logs import torque_of
+from identification.results.detection import Detection
 from identification.results.plots import INTERVALS
+from identification.results.summary import verdict_of
 from identification.search import methods, polish
 from identification.search.methods import _root
 from plant import (
@@ -221,6 +223,17 @@ def test_last_of_several_records_is_kept_aside():
     assert both.diagnostics.held_out_difference is None
     noise = [np.diag(each.fit.noise_covariance) for each in (both, result)]
     assert (noise[0] < noise[1]).all()  # twice the data
+
+
+def test_a_clean_log_is_no_evidence_where_the_rig_could_not_be_tested():
+    tested = found()
+    detection = Detection(reason="the model diverges beside the optimum")
+    diagnostics = dataclasses.replace(tested.diagnostics, detection=detection)
+    untested = dataclasses.replace(tested, diagnostics=diagnostics)
+    assert untested.doubts == tested.doubts == []
+    assert verdict_of(tested).good
+    assert verdict_of(untested).good is None
+    assert "not tested" in verdict_of(untested).sentence
 
 
 def test_summary_says_what_goes_with_what():
