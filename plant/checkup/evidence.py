@@ -463,8 +463,20 @@ def _stranger(experiment, changed, size):
     inertia = float((changed.terms["inertia"] - experiment.terms["inertia"]).sum())
     strange = before > _STRANGE * SETTINGS.motion or inertia > _BELOW_ROTOR
     if strange and after < SETTINGS.motion:
-        yield size, changed.score - experiment.score
+        stated, restated = (
+            _whole_pulses(each.record.rig.encoder) for each in (experiment, changed)
+        )
+        yield size, changed.score - experiment.score + restated - stated
 
+
+def _whole_pulses(encoder):
+    """Log odds that the resolution is whole pulses per turn, as it is made, not any number."""
+    broken = np.abs(encoder.resolution - np.round(encoder.resolution))
+    return float(np.maximum(np.log(0.5 / _PRINTED) - broken / _PRINTED, 0.0).sum())
+
+
+# Distance from a whole number that rounding of a stated resolution leaves [pulses per turn].
+_PRINTED = 0.01
 
 # Share of a torque that the motion leaves unexplained, of what it leaves in right logs, from which
 # on the angles are in doubt: drawn machines with springs reach 10.

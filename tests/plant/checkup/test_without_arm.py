@@ -303,6 +303,14 @@ def test_hypotheses_that_fail_or_change_nothing_are_named_and_the_others_go_on(r
     ]
 
 
+def test_whole_pulses_per_turn_tell_radians_from_lines(record):
+    """No other measurement does: 4 and 2 pi times the stated resolution explain a motion alike."""
+    mistaken = in_pulses_per_radian(dataclasses.replace(record, torque=None))
+    cause = mistaken.check().causes[0]
+    assert (cause.name, cause.rivals) == ("resolution per radian", ())
+    assert cause.runner_up.name == "lines of the encoder"
+
+
 def test_lines_of_one_encoder_are_put_right(record):
     checkup = in_lines(record, 1).check()
     cause = checkup.causes[0]
