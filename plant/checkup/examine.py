@@ -20,7 +20,7 @@ from plant.checkup.score import Experiment
 from plant.checkup.signals import Signals
 from plant.checkup.stamps import lost_findings, time_findings
 from plant.checkup.trials import Trials
-from plant.checkup.views import cause_findings, copied_columns, measured_findings
+from plant.checkup.views import AT_LIMIT, cause_findings, copied_columns, measured_findings
 from plant.checkup.without_arm import SWITCHES, TABLE
 from plant.parts.fields import Floats
 from plant.parts.one_thread import one_thread
@@ -35,11 +35,8 @@ class TorqueSettings:
 
     Parameters
     ----------
-    at_limit : float
-        Share of the amplifier's limit from which on it is saturated.
-    saturated, lost : float
-        Samples [%] to look at, and above which the log shows the limit alone; of clipped torque,
-        too.
+    lost : float
+        Clipped samples [%] above which the log shows the limit alone.
     beyond : float
         Commanded torque [largest logged torque] that was cut off.
     alike : float
@@ -61,8 +58,6 @@ class TorqueSettings:
         The same in standard deviations.
     """
 
-    at_limit: float = 0.999
-    saturated: float = 1.0
     lost: float = 50.0
     beyond: float = 1.05
     alike: float = 0.01
@@ -84,22 +79,6 @@ _LEAST_SAMPLES = 50
 def _of_torque(name, check):
     """A check of torque or current, joint by joint."""
     return lambda signals: unless(signals.no_torque, (name,), signals.per_joint(check))
-
-
-def _saturated(signals, i):
-    """Share of samples at the amplifier's limit [%]."""
-    check = Check("saturation", i, "%")
-    limit = signals.rig.drive.current_limit[i]
-    # An infinite limit means that the rig states none.
-    if not np.isfinite(limit):
-        return check.unknown("no current limit stated")
-    current = signals.motor_torque[:, i] / signals.rig.drive.motor_gain[i]
-    return check.graded(
-        100 * np.mean(np.abs(current) >= SETTINGS.at_limit * limit),
-        f"The amplifier is at its limit of {limit:g} A: slow the motion down, or lower the gains.",
-        look=SETTINGS.saturated,
-        wrong=SETTINGS.lost,
-    )
 
 
 def _clipped(signals, i):
@@ -131,7 +110,7 @@ def _clipped(signals, i):
 
 def _at_limit(signals, i, torque):
     drive = signals.rig.drive
-    return bool(np.abs(torque) / drive.motor_gain[i] >= SETTINGS.at_limit * drive.current_limit[i])
+    return bool(np.abs(torque) / drive.motor_gain[i] >= AT_LIMIT * drive.current_limit[i])
 
 
 def _commanded_beyond(signals, i, extreme):
@@ -197,7 +176,6 @@ _BEFORE = (
     oscillation_findings,
     quantisation_findings,
 )
-_AFTER = (_of_torque("saturation", _saturated),)
 
 
 @one_thread
@@ -286,8 +264,6 @@ def _examined(record, hypotheses, labels):
     data = [finding for finding in [*data, *copied] if (finding.check, finding.joint) not in caused]
     measured = measured_findings(bridged, caused)
     after = [finding for finding in measured if (finding.check, finding.joint) not in caused]
-    for check in _AFTER:
-        after += check(bridged.signals)
     # A loop that swings makes delays and units that are none: its finding comes first.
     swings = [finding for finding in data if finding.check == "oscillation" and not finding.ok]
     later = _LATER if not swings else (*_LATER, "delay")

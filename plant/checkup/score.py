@@ -378,8 +378,11 @@ class Experiment:
 
     @functools.cached_property
     def torque(self) -> Floats | None:
-        """Motor torque (M, n), logged or else commanded; None without either."""
-        return self.commanded if self.signals.torque is None else self.signals.torque
+        """Motor torque (M, n), logged or else commanded below the limit; None without either."""
+        if self.signals.torque is not None or self.commanded is None:
+            return self.signals.torque
+        drive = self.record.rig.drive
+        return np.asarray(drive.motor_torque(drive.limited(drive.joint_torque(self.commanded))))
 
     @functools.cached_property
     def motions(self) -> list[Motion] | None:

@@ -117,6 +117,7 @@ def measured_findings(experiment: Experiment, caused: set[tuple[str, Any]]) -> I
         "drive sign": (signals.no_torque, _inertia),
         "swapped torques": (signals.no_torque, _explained),
         "units of torque": (signals.no_torque, _units),
+        "saturation": (signals.no_torque, _saturated),
     }
     for name, (reason, judge) in reasons.items():
         joints = [i for i in range(experiment.n) if (name, i) not in caused]
@@ -141,8 +142,43 @@ def _slope(experiment, i):
         return check.unknown("the reference hardly moves")
     if abs(slope - 1) <= TRACKING:
         return check.fine(slope)
-    advice = f"The counts move {slope:.3g} times as far as the reference, of no known cause."
-    return check.look(slope, advice)
+    cause = "of no known cause"
+    if (limited := _at_limit(experiment, i)) > _LIMITED:
+        cause = (
+            f"with the amplifier at its limit in {limited:.3g}% of the samples: the path asks"
+            " for more than the motor gives. Check its unit, since degrees are 57.3 times radians"
+        )
+    return check.look(slope, f"The counts move {slope:.3g} times as far as the reference, {cause}.")
+
+
+def _saturated(experiment, i):
+    """Share of samples at the amplifier's limit [%]."""
+    limit = experiment.record.rig.drive.current_limit[i]
+    # An infinite limit means that the rig states none.
+    if not np.isfinite(limit):
+        return Check("saturation", i, "%").unknown("no current limit stated")
+    return Check("saturation", i, "%").graded(
+        _at_limit(experiment, i),
+        f"The amplifier is at its limit of {limit:g} A: slow the motion down, or lower the gains.",
+        look=_SATURATED,
+        wrong=_LIMITED,
+    )
+
+
+def _at_limit(experiment, i):
+    """Share of the samples in which the torque is at the amplifier's limit [%]."""
+    if experiment.torque is None:
+        return 0.0
+    drive = experiment.record.rig.drive
+    current = np.abs(experiment.torque[:, i]) / drive.motor_gain[i]
+    return 100 * float(np.mean(current >= AT_LIMIT * drive.current_limit[i]))
+
+
+# Share of the amplifier's limit from which on it is saturated.
+AT_LIMIT = 0.999
+
+# Saturated samples [%] to look at, and from which on the log shows the limit alone.
+_SATURATED, _LIMITED = 1.0, 50.0
 
 
 def _delay(experiment, i):

@@ -303,6 +303,26 @@ def test_hypotheses_that_fail_or_change_nothing_are_named_and_the_others_go_on(r
     ]
 
 
+@pytest.mark.parametrize("logged", [True, False])
+def test_a_path_in_degrees_is_no_unit_of_the_counts(record, logged):
+    """Its amplifier is at its limit, so the counts follow no multiple of the reference."""
+    degrees = dataclasses.replace(
+        PATH,
+        offset=np.rad2deg(PATH.offset),
+        cosine=np.rad2deg(PATH.cosine),
+        sine=np.rad2deg(PATH.sine),
+    )
+    arm, law = puma560.literature_arm(0.7), puma560.p_law((0.13, 0.09))
+    with pytest.warns(UserWarning, match="turns"):
+        made = simulate(arm, RIG, law, degrees, duration=2.0)
+    torque = made.torque if logged else None
+    checkup = dataclasses.replace(made, torque=torque, current=None).check()
+    assert checkup.causes == ()
+    slopes = [finding for finding in checkup.problems if finding.check == "gear sign"]
+    assert [slope.joint for slope in slopes] == [0, 1]
+    assert all("limit in 99" in slope.advice and "degrees" in slope.advice for slope in slopes)
+
+
 def test_whole_pulses_per_turn_tell_radians_from_lines(record):
     """No other measurement does: 4 and 2 pi times the stated resolution explain a motion alike."""
     mistaken = in_pulses_per_radian(dataclasses.replace(record, torque=None))
