@@ -1,4 +1,4 @@
-"""Torques along a log that its model may lack: cogging, changing friction, the rate of an error.
+"""Torques along a log that its model may lack: cogging, other friction, the rate of an error.
 
 Each is known along the log except for its size, and the innovations change in proportion to that.
 Of wide backlash only the instants at which it acts are known.
@@ -24,6 +24,11 @@ from plant.parts.fields import Floats
 from plant.simulation.law_run import run_law
 
 CYCLES = 24  # of a motor's cogging per turn, at most
+
+# Stribeck speed that is tried, relative to the usual speed of a joint (rms). In three logs of
+# ``causes.py``, whose speed is 0.05 to 0.1 of it, the log odds are 180 to 5,500 with it, and 55 to
+# 870 with twice that.
+STRIBECK = 0.1
 
 # Time [s] within which the teeth of a gear cross wide backlash and meet again; chosen by hand.
 _CROSSING = 0.02
@@ -120,6 +125,28 @@ def drift(at: Optimum) -> dict[str, list[Floats]]:
         frictions.append(drive.joint_torque(-change * stated))
     return {
         f"drift[{i}]": [friction * joint for friction in frictions]
+        for i, joint in enumerate(np.eye(at.model.dynamics.n))
+    }
+
+
+def breakaway(at: Optimum) -> dict[str, list[Floats]]:
+    """Torques (N, n) [N m] along each record per relative rise of each motor's Coulomb friction.
+
+    At standstill, as Stribeck's: ``breakaway.9.8[i]`` falls off at 9.8 rad/s of the motor.
+    """
+    speeds = [
+        record.rig.drive.motor_angle(smoothed(record, record.rig.cell_centre(record.counts)).qd)
+        for record in at.model.records
+    ]
+    falls = STRIBECK * np.sqrt(np.mean(np.concatenate(speeds) ** 2, axis=0))
+    frictions = []
+    for record, speed in zip(at.model.records, speeds, strict=True):
+        drive = record.rig.drive
+        # A joint that never moves has no such speed, and no friction of a known sign.
+        ratio = speed / np.where(falls, falls, np.inf)
+        frictions.append(drive.joint_torque(-drive.coulomb * np.sign(speed) * np.exp(-(ratio**2))))
+    return {
+        f"breakaway.{falls[i]:.2g}[{i}]": [friction * joint for friction in frictions]
         for i, joint in enumerate(np.eye(at.model.dynamics.n))
     }
 

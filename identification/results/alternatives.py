@@ -259,8 +259,8 @@ class Sign(Shown, Frozen):
     ----------
     name : str
         "compliance", "backlash", "lag", "delay", "friction", "offset" of torques, "gear",
-        "cogging", "length" of a link, "lead" of a law's torque, "variant" of a law, "reversals" of
-        the load, or "disagreement": of the records with each other.
+        "cogging", "breakaway", "length" of a link, "lead" of a law's torque, "variant" of a law,
+        "reversals" of the load, or "disagreement": of the records with each other.
     chi_square : float
         Decrease of the sum of squared innovations with it, in units of their variance, which counts
         that they are not independent.

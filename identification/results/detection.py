@@ -268,7 +268,7 @@ class Detection(Shown, Frozen):
                 "unit": unit,
                 "joint": self._joint(name) if "[" in name else "",
                 "kind": kind,
-                "variant": name.partition(".")[2],
+                "variant": kind.partition(".")[2],
                 "cycles": "".join(filter(str.isdigit, kind)),
                 "stated": stated,
                 "total": stated + value,  # fitted values are deviations from the stated ones

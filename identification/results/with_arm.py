@@ -8,7 +8,14 @@ the tolerances of their numbers. A new cause is a new row here.
 import numpy as np
 
 from identification.replay.extended import Number
-from identification.results.along_log import CYCLES, cogging, drift, lead, other_variants
+from identification.results.along_log import (
+    CYCLES,
+    breakaway,
+    cogging,
+    drift,
+    lead,
+    other_variants,
+)
 from identification.results.alternatives import (
     ArmHypothesis,
     disagreement,
@@ -365,6 +372,25 @@ HYPOTHESES = (
         spread=0.3,
         # What coarse steps of a hunting loop leave looks like it: a gain of 13 where the rig is
         # right, and of 110 and more where friction drifts (``intervals.py``, ``causes.py``).
+        against=20.0,
+    ),
+    # Of a size for each joint, beside the stated Coulomb friction.
+    ArmHypothesis(
+        name="breakaway",
+        sentence="friction is not the rig's: towards standstill it rises, by {each} of its"
+        " Coulomb friction",
+        remedy="Give the drive a FrictionCurve with this breakaway and speed, and add"
+        " drive.curve.breakaway[0], drive.curve.speed[0] and so on to unknown",
+        telling="log a motion with slow reversals",
+        title="a Stribeck effect",
+        each="{size:.0f} {unit} below about {variant} rad/s of the motor at {joint}",
+        unit="%",
+        convert=_percent,
+        torques=breakaway,
+        minor="friction",
+        refit=pushed,
+        spread=0.3,
+        # As of a drift: coarse steps leave something like it where joints turn back.
         against=20.0,
     ),
     # Not fitted: of wide backlash only the instants are known at which it acts.

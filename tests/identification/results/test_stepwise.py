@@ -12,6 +12,7 @@ import pytest
 from packaged_arms import elbow_of_a_ur5e
 
 from identification import GeneticSettings, Tolerances, identify
+from identification.replay.extended import joint_of
 from identification.results import stepwise
 from plant import (
     PD,
@@ -78,6 +79,7 @@ def test_a_rigid_robot_is_accused_of_nothing(rigid):
         "cogging",
         "lead",
         "drift",
+        "breakaway",
         "reversals",
     }
     assert not any(sign.significant for sign in detection.signs)
@@ -357,6 +359,19 @@ def test_motors_that_cog_are_named_beside_logged_torques():
     ripple = TorqueRipple(amplitude=0.4 * RIG.drive.coulomb, cycles=(6, 6), phase=(0.5, 1.0))
     said, *_ = quick(log(law=PID_LAW, ripple=ripple)).warnings
     assert re.match(r"motors cog: 0.0[56]\d* N m, 6 times per turn, at joint 2", said)
+
+
+@pytest.mark.parametrize("law", [None, PID_LAW])
+def test_friction_that_rises_towards_standstill_is_no_lag(law):
+    rise = np.array((0.8, 0.5))
+    usual = np.abs(RIG.drive.gear) * np.sqrt(np.mean(PATH(np.linspace(0, 3, 500)).qd ** 2, axis=0))
+    curve = FrictionCurve(offset=(0, 0), breakaway=rise * RIG.drive.coulomb, speed=0.08 * usual)
+    detection = quick(log(law=law, curve=curve)).diagnostics.detection
+    assert detection.names == ("breakaway",)
+    sign, *_ = detection.named
+    assert [*map(joint_of, sign.values)] == [0, 1]
+    # The row has a tenth of the usual speed.
+    np.testing.assert_allclose([*sign.values.values()], rise, rtol=0.3)
 
 
 @pytest.mark.parametrize("law", [None, pytest.param(PID_LAW, marks=pytest.mark.slow)])
