@@ -361,6 +361,17 @@ def test_motors_that_cog_are_named_beside_logged_torques():
     assert re.match(r"motors cog: 0.0[56]\d* N m, 6 times per turn, at joint 2", said)
 
 
+def test_weak_cogging_of_a_quick_motor_has_its_cycles():
+    """It leaves less in the innovations than the noise at fewer cycles."""
+    ripple = TorqueRipple(amplitude=(0.02, 0.0), cycles=(6, 6), phase=(0.5, 1.0))
+    detection = quick(log(law=PID_LAW, ripple=ripple)).diagnostics.detection
+    assert detection.names == ("cogging",)
+    values = detection.named[0].values
+    assert np.hypot(values["cogging.6cos[0]"], values["cogging.6sin[0]"]) == pytest.approx(
+        0.02, rel=0.2
+    )
+
+
 @pytest.mark.parametrize("law", [None, PID_LAW])
 def test_friction_that_rises_towards_standstill_is_no_lag(law):
     rise = np.array((0.8, 0.5))
