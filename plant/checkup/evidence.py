@@ -345,12 +345,17 @@ def _likelier(experiment, commanded, difference, columns):
     return value, experiment.filter.equations / 2 * float(np.log(shares[0] / shares[1]))
 
 
-def rate_evidence(experiment: Experiment, joints: Joints) -> Iterator[tuple[float, float]]:
-    """Log odds of a logged torque that grows with the rate of the error, as of PD stated as P."""
-    references = experiment.signals.reference
+def rate_evidence(experiment: Experiment, joints: Joints) -> Any:
+    """Log odds of a logged torque that grows with the rate of the error, as of PD stated as P.
+
+    None under a law with memory: the steps of its torque tell.
+    """
+    references, law = experiment.signals.reference, experiment.record.law
     rates, odds = list[float](), 0.0
     if references is None:
-        return
+        return ()
+    if law is not None and law.has_memory(experiment.n):
+        return None if experiment.command is not None else ()
     for i, (commanded, difference) in enumerate(_differences(experiment)):
         reference = experiment.filtered("reference", references, i)
         counts = experiment.filtered("counts", experiment.signals.counts, i)
@@ -359,8 +364,7 @@ def rate_evidence(experiment: Experiment, joints: Joints) -> Iterator[tuple[floa
         value, likelier = _likelier(experiment, commanded, difference, column[:, None])
         rates.append(float(value[0]))
         odds += likelier
-    if rates and min(rates) > 0:
-        yield float(np.median(rates)), odds
+    return ((float(np.median(rates)), odds),) if rates and min(rates) > 0 else ()
 
 
 def model_evidence(experiment: Experiment, joints: Joints) -> Iterator[tuple[float, float]]:

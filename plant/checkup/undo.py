@@ -235,13 +235,14 @@ def signed_magnitude(record: Any, joints: Joints, size: float) -> Any:
 
 
 def with_rate(record: Any, joints: Joints, size: float) -> Any:
-    """Give a P law the rate of its error, of so many seconds of its gain."""
+    """Give a law that lacks the rate of its error that rate, of so many seconds of its gain."""
     law = record.law
-    if not isinstance(law, P):
-        raise ValueError(f"the law must be P; got {type(law).__name__}.")
-    # The pole of the rate is not known; a log shows nothing faster than its samples.
-    law = PD(gain=law.gain, derivative=size * np.array(law.gain), filter=1 / record.rig.period)
-    return replace(record, law=law)
+    if isinstance(law, P):
+        # The pole of the rate is not known; a log shows nothing faster than its samples.
+        law = PD(gain=law.gain, derivative=0 * np.array(law.gain), filter=1 / record.rig.period)
+    if not isinstance(law, PD) or np.any(law.derivative):
+        raise ValueError(f"the law must be P, or lack its derivative; got {type(law).__name__}.")
+    return replace(record, law=replace(law, derivative=size * np.array(law.gain)))
 
 
 def scaled_counts(record: Any, joints: Joints, size: float) -> Any:

@@ -361,10 +361,12 @@ def _statements() -> Iterator[Hypothesis[Any]]:
         name="rate of the error",
         check="units of torque",
         sentence="The law lacks the rate of its error, of {value:.2g} s times its gain",
-        remedy="State a PD law.",
+        remedy="State the derivative: a PD, or a PID.",
         undo=with_rate,
         measurement=_BLOCKED,
         evidence=rate_evidence,
+        # Of a law with memory, whose steps of torque tell: from about a sample on.
+        sizes=(0.001, 0.002, 0.004, 0.008, 0.016, 0.032),
         tolerance=0.05,
         unit="s",
     )

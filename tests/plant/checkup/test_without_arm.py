@@ -9,6 +9,7 @@ import pytest
 
 from plant import (
     PD,
+    PID,
     Elasticity,
     Harmonics,
     Hypothesis,
@@ -301,6 +302,20 @@ def test_hypotheses_that_fail_or_change_nothing_are_named_and_the_others_go_on(r
         "broken",
         "misspelt",
     ]
+
+
+@pytest.mark.parametrize("rate", [0.0, 0.004])
+def test_a_pid_that_is_stated_without_its_derivative_lacks_the_rate(rate):
+    gain = np.array((0.1, 0.08))
+    law = PID(
+        gain=gain, integral=5 * gain, derivative=rate * gain, filter=2000.0, period=RIG.period
+    )
+    arm = puma560.literature_arm(0.7)
+    made = simulate(arm, RIG, law, PATH, duration=2.0, steps_per_sample=8)
+    stated = dataclasses.replace(law, derivative=(0.0, 0.0))
+    causes = dataclasses.replace(made, law=stated, current=None).check().causes
+    sizes = [(cause.name, cause.joints, pytest.approx(cause.size, rel=0.1)) for cause in causes]
+    assert sizes == ([("rate of the error", (), rate)] if rate else [])
 
 
 @pytest.mark.parametrize("logged", [True, False])
