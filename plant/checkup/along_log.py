@@ -35,8 +35,11 @@ class AlongLogSettings:
 SETTINGS = AlongLogSettings()
 
 
-def steps_of_torque(signals: Signals) -> tuple[Floats, Floats] | None:
-    """Steps (M, n) of commanded and of logged motor torque; None where they cannot be compared."""
+def steps_of_torque(signals: Signals, rows: int = 1) -> tuple[Floats, Floats] | None:
+    """Steps (M, n) of commanded and of logged motor torque over some rows of the log.
+
+    None where they cannot be compared.
+    """
     # The logged torque is the yardstick.
     if signals.torque is None:
         return None
@@ -52,11 +55,12 @@ def steps_of_torque(signals: Signals) -> tuple[Floats, Floats] | None:
     injected = 0.0 if record.injected is None else at_times(t, record.t, record.injected)
     logged = rig.drive.joint_torque(at_times(t, signals.t, signals.torque))
     # The amplifier limits what the law commands, so compare limited torques.
-    steps, measured = (
-        np.diff(rig.drive.motor_torque(rig.drive.limited(joint)), axis=0)[clear[1:]]
-        for joint in (commanded + injected, logged)
+    torques = (
+        rig.drive.motor_torque(rig.drive.limited(joint)) for joint in (commanded + injected, logged)
     )
-    return np.nan_to_num(steps, nan=0.0, posinf=0.0, neginf=0.0), measured
+    steps, measured = (torque[rows:] - torque[:-rows] for torque in torques)
+    steps = np.nan_to_num(steps, nan=0.0, posinf=0.0, neginf=0.0)
+    return steps[clear[rows:]], measured[clear[rows:]]
 
 
 def torque_along(signals: Signals, stated: Any, rig: Any) -> Floats | None:

@@ -371,10 +371,17 @@ class Experiment:
     @functools.cached_property
     def command(self) -> Floats | None:
         """Difference (n,) of commanded and logged torque, as a share of both; None without both."""
-        if self.torques_of_law is None:
+        return None if self.torques_of_law is None else _shares(self.torques_of_law)
+
+    @functools.cached_property
+    def slow_command(self) -> Floats | None:
+        """The same of steps over the smoothing window, of a law with memory.
+
+        Noise of a current hides the steps from sample to sample, and hardly these.
+        """
+        if self.torques_of_law is None or not self.record.law.has_memory(self.n):
             return None
-        commanded, logged = (table.T for table in self.torques_of_law)
-        return np.array([_share(a - b, a, b) for a, b in zip(commanded, logged, strict=True)])
+        return _shares(steps_of_torque(self.signals, self.signals.window))
 
     @functools.cached_property
     def torque(self) -> Floats | None:
@@ -488,11 +495,18 @@ class Experiment:
         half = self.filter.equations / 2
         terms = {"tracking": self.following[1]}
         if self.command is not None:
-            share, floor = self.command, SETTINGS.command
-            if self.record.law.has_memory(self.n):
-                # Steps that the law does not explain differ by noise alone.
-                share, floor = np.minimum(share, SETTINGS.unlike), SETTINGS.steps
-            terms["command"] = -half * np.log(share + floor)
+            if self.slow_command is None:
+                terms["command"] = -half * np.log(self.command + SETTINGS.command)
+            else:
+                # Steps that the law does not explain differ by noise alone. Of steps over a window
+                # one per window is independent. The clearer evidence of both counts.
+                unlike = SETTINGS.unlike + SETTINGS.steps
+                quick, slow = (
+                    np.log(unlike / (np.minimum(share, SETTINGS.unlike) + SETTINGS.steps))
+                    for share in (self.command, self.slow_command)
+                )
+                explained = np.maximum(quick, slow / SETTINGS.per_window)
+                terms["command"] = half * (explained - np.log(unlike))
         if self.motions is not None and self.equations_of_motion is not None:
             freedom = self._freedom(self.equations_of_motion[0])
             unexplained = np.array([motion.unexplained for motion in self.motions])
@@ -613,6 +627,11 @@ _SCALES = np.linspace(-6, 6, 25)
 def _centred(columns):
     # A short log may leave no rows.
     return columns - columns.mean(axis=0) if len(columns) else columns
+
+
+def _shares(torques):
+    """Difference (n,) of two torques (K, n), as a share of both."""
+    return np.array([_share(a - b, a, b) for a, b in zip(*(x.T for x in torques), strict=True)])
 
 
 def _share(difference, a, b, noise=0.0):
