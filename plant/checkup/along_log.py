@@ -60,7 +60,9 @@ def steps_of_torque(signals: Signals, rows: int = 1) -> tuple[Floats, Floats] | 
     )
     steps, measured = (torque[rows:] - torque[:-rows] for torque in torques)
     steps = np.nan_to_num(steps, nan=0.0, posinf=0.0, neginf=0.0)
-    return steps[clear[rows:]], measured[clear[rows:]]
+    # A step begins and ends where the memory of the law is the log's.
+    both = clear[rows:] & clear[:-rows]
+    return steps[both], measured[both]
 
 
 def torque_along(signals: Signals, stated: Any, rig: Any) -> Floats | None:

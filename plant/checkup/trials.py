@@ -100,19 +100,17 @@ class Trials:
             result = minimize_scalar(
                 lambda size: -gain(size), bounds=ends, method="bounded", options=options
             )
-            refined = float(result.x)
-            others = [most]
-            # Reading between two rows averages them, which makes noise smaller on either side of a
-            # whole number of rows.
-            if delay:
-                others.append(gain(2 * round(refined) - refined))
             # Rounding makes the score rugged: a size of the grid stays unless another is clearly
             # better.
-            if -result.fun > (1 + _RUGGED) * max(others):
-                size, most = refined, -float(result.fun)
-        # For the same reason, what a shift gains beyond the opposite one is evidence of its
-        # direction.
+            if -result.fun > (1 + _RUGGED) * most:
+                size, most = float(result.x), -float(result.fun)
+        # Reading between two rows averages them, which makes noise smaller on either side of a
+        # whole number of rows. What a shift gains beyond the one on the other side is evidence: of
+        # its direction, and of a delay that is no whole number.
         if hypothesis.check == "delay":
+            whole = round(size)
+            if whole and most - gain(2 * whole - size) < hypothesis.against:
+                size, most = float(whole), gain(whole)
             most -= max(gain(-size), 0.0)
         # Occam: a size that the log determines well was unlikely to be just that.
         step = 0.02 * tolerance * (1.0 if grid_of_sizes else size)

@@ -4,6 +4,7 @@ samples, of which joints.
 
 import dataclasses
 from functools import cache
+from itertools import product
 
 import numpy as np
 import pytest
@@ -75,7 +76,13 @@ def told(record):
     return np.round(late_counts(record), 1).tolist()
 
 
-@pytest.mark.parametrize("name", LAWS)
+SLOW = ("fast PID", "fast cascade", "computed torque")
+
+
+@pytest.mark.parametrize(
+    "name",
+    [pytest.param(name, marks=[pytest.mark.slow] if name in SLOW else []) for name in LAWS],
+)
 def test_the_law_tells_which_counts_are_late(name):
     record = log(name)
     assert told(record) == [0, 0]
@@ -124,8 +131,17 @@ def test_torques_in_other_units_or_of_commands_and_a_state_that_is_known_will_do
     ) == [1, 1]
 
 
-@pytest.mark.parametrize("name", ["PID", "fast PID", "cascade", "fast cascade"])
-@pytest.mark.parametrize("factor", [0.5, 0.95, 1.05, 2.0])
+QUICK = {("PID", 0.95), ("cascade", 1.05)}
+OTHERS = set(product(("PID", "fast PID", "cascade", "fast cascade"), (0.5, 0.95, 1.05, 2.0)))
+
+
+@pytest.mark.parametrize(
+    ("name", "factor"),
+    [
+        *sorted(QUICK),
+        *(pytest.param(*case, marks=pytest.mark.slow) for case in sorted(OTHERS - QUICK)),
+    ],
+)
 def test_a_law_with_other_gains_is_no_delay(name, factor):
     """The gain of a cascade's position loop acts as a delay does, but for the steps of its
     torque.

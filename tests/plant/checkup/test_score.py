@@ -19,9 +19,8 @@ from plant.checkup.score import Experiment
 from plant.checkup.undo import counts_in_time, exchanged_torques
 
 
-@pytest.fixture(scope="module")
-def experiment():
-    """Every fourth sample of a cascade at 4 kHz; the loop answers its counts in between, too."""
+def machine(resolution, period, **options):
+    """The stand without its spring, and its cascade."""
     drive = Drive(
         gear=STAND.gear,
         motor_inertia=STAND.rotor / STAND.gear**2,
@@ -30,18 +29,18 @@ def experiment():
         motor_gain=STAND.motor_gain,
         current_limit=(40.0, 40.0, 40.0),
     )
-    encoder = Encoder(resolution=STAND.resolution, rounding="floor")
-    rig = Rig(drive=drive, encoder=encoder, period=STAND.speed_period)
+    encoder = Encoder(resolution=resolution, rounding="floor")
+    rig = Rig(drive=drive, encoder=encoder, period=period)
     dynamics = Dynamics.from_chain(STAND.chain.with_rotors(drive))
-    arm = dynamics.arm(dynamics.f())
-    position, speed, integral = gains(STAND)
-    law = Cascade(
-        position=position,
-        speed=speed,
-        integral=integral,
-        difference=2,
-        period=STAND.speed_period,
-    )
+    position, speed, integral = gains(STAND._replace(resolution=resolution))
+    law = Cascade(position=position, speed=speed, integral=integral, period=period, **options)
+    return dynamics.arm(dynamics.f()), rig, law
+
+
+@pytest.fixture(scope="module")
+def experiment():
+    """Every fourth sample of a cascade at 4 kHz; the loop answers its counts in between, too."""
+    arm, rig, law = machine(STAND.resolution, STAND.speed_period, difference=2)
     made = simulate(arm, rig, law, STAND.path, duration=5.0)
     record = Record(
         t=made.t[::4],
@@ -66,3 +65,36 @@ def test_a_loop_of_the_second_order_has_no_late_counts(experiment, delay):
     """It lags by its position loop, and by the speed loop inside."""
     changed = experiment.changed(counts_in_time(experiment.record, (), delay))
     assert experiment.score > changed.score
+
+
+@pytest.fixture(scope="module")
+def noisy():
+    """A log of a cascade; 20 mA of noise hide the steps of its torque from row to row."""
+    arm, rig, law = machine(8 * STAND.resolution, 1e-3, filter=1200.0)
+    made = simulate(arm, rig, law, STAND.path, duration=5.0)
+    noise = 0.02 * np.random.default_rng(0).normal(size=made.torque.shape)
+    current = rig.drive.current(made.torque) + noise
+    return dataclasses.replace(
+        made, torque=None, current=current, true_q=None, true_qd=None, link_counts=None
+    )
+
+
+@pytest.mark.parametrize("cause", ["", "late counts", "late torques"])
+def test_delays_are_seen_behind_the_noise_of_a_current(noisy, cause):
+    inner = slice(1, -1)
+    counts = noisy.counts[:-2] if cause == "late counts" else noisy.counts[inner]
+    late = noisy.current[:-2] if cause == "late torques" else noisy.current[inner]
+    record = dataclasses.replace(
+        noisy,
+        t=noisy.t[inner] - noisy.t[1],
+        reference=noisy.reference.later(noisy.t[1]),
+        reference_pulses=noisy.reference_pulses[inner],
+        error_pulses=noisy.reference_pulses[inner] - counts,
+        current=late,
+        valid=noisy.valid[inner],
+    )
+    causes = record.check().causes
+    # Whole rows: to read between two of them makes the noise smaller, and is no evidence.
+    assert [(found.name, found.joints, found.size) for found in causes] == (
+        [(cause, (), 1.0)] if cause else []
+    )
