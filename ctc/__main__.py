@@ -6,6 +6,8 @@ from ctc.commandline.main import main
 
 if __name__ == "__main__":
     arguments = sys.argv[1:]
-    # Options alone are the demo's.
-    demo = not arguments or arguments[0].startswith("-")
+    # Options alone are the demo's, but for those of which every command line has its answer.
+    demo = not arguments or (
+        arguments[0].startswith("-") and not {"-h", "--help", "--version"} & {*arguments}
+    )
     raise SystemExit(main(["demo", *arguments] if demo else arguments))

@@ -135,14 +135,15 @@ def counted(identification: Any) -> str:
     # Those that decide about a value, and the largest share of all others.
     large = [name for name in shares if shares[name] > SETTINGS.deciding]
     large.sort(key=lambda name: -shares[name])
-    parts = [f"{shares[name]:.0%} of that of {names[name]}" for name in large]
+    parts = [several([f"{shares[name]:.0%} of {names[name]}" for name in large], SETTINGS.named)]
     others = [share for name, share in shares.items() if name not in large]
-    rest = f"at most {max(others):.0%} of the variance of a value" if others else ""
-    if large:
-        rest = f"{rest}; but {several(parts, SETTINGS.named)}" if rest else several(parts)
-    default = type(tolerances)() == tolerances
-    source = "nobody stated these tolerances: they are defaults, and" if default else "they"
-    return f"{text}; {source} make up {rest}; tolerances=Tolerances(gear=...) states yours"
+    if others:
+        parts.append(f"at most {max(others):.0%} of any {'other' * bool(large) or 'value'}")
+    default = " (defaults, which nobody stated)" if type(tolerances)() == tolerances else ""
+    return (
+        f"{text}; shares of the variance that these tolerances{default} make up:"
+        f" {', '.join(filter(None, parts))}; tolerances=Tolerances(gear=...) states yours"
+    )
 
 
 def _resonance(identification):

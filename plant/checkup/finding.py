@@ -199,6 +199,8 @@ class Checkup(Shown):
         yield Table(("check", "joint", "measured", "verdict"), rows, words=(1, 2, 3))
         yield from _by_joints(reasons)
         yield from self.failed
+        if self.ok:
+            yield "gears, lengths and torque constants are tested by identify, which knows the arm"
 
     def _labels(self, joints: list[int | None]) -> list[str]:
         """Labels of these joints in the table, a line each; "all" for all of several."""

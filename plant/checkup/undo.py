@@ -335,6 +335,14 @@ def other_gain(record: Any, joints: Joints, size: float) -> Any:
     return replace(record, law=replace(law, **changes))
 
 
+def filter_in_hertz(record: Any, joints: Joints, size: float) -> Any:
+    """Take the filter of the law as a frequency in Hz."""
+    law = record.law
+    if getattr(law, "filter", None) is None:
+        raise ValueError("the law must have a filter; it has none.")
+    return replace(record, law=replace(law, filter=2 * np.pi * law.filter))
+
+
 def gains_in_ampere(record: Any, joints: Joints, size: float) -> Any:
     """Take the gains of the law as amperes per pulse."""
     return other_gain(record, joints, 1 / record.rig.drive.motor_gain)

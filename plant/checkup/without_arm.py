@@ -44,6 +44,7 @@ from plant.checkup.undo import (
     exchanged_counts,
     exchanged_references,
     exchanged_torques,
+    filter_in_hertz,
     gains_in_ampere,
     lower_limit,
     other_friction,
@@ -371,6 +372,15 @@ def _statements() -> Iterator[Hypothesis[Any]]:
         unit="s",
     )
     yield Hypothesis(
+        name="filter in Hz",
+        check="units of gains",
+        sentence="The filter of the law may be stated in Hz",
+        remedy="State it in rad/s: multiply it by 2 pi.",
+        undo=filter_in_hertz,
+        measurement=_BLOCKED,
+        against=8.0,
+    )
+    yield Hypothesis(
         name="gains in A",
         check="units of torque",
         sentence="The gains of the law may be in A per pulse",
@@ -390,7 +400,8 @@ def _gain_units() -> Iterator[Hypothesis[Any]]:
                     name=f"unit of {gain}",
                     check="units of gains",
                     sentence=(
-                        f"The law's {gain} is {{value:.3g}} times what the log shows, the factor"
+                        f"The law's {gain} {'are' if gain == 'gains' else 'is'} {{value:.3g}} times"
+                        " what the log shows, the factor"
                         f" between {unit.between}"
                     ),
                     remedy=f"State it in {own}.",

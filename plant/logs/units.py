@@ -224,7 +224,9 @@ def require_limit(
         for unit, factor in alternatives.items()
         if (peak * np.abs(factor) <= CHECKS.limit_factor * limit).all()
     ]
-    advice = f"{fits[0]!r} would fit." if fits else "Correct the log, or the rig's limit."
+    advice = " or ".join(map(repr, fits)) + " would fit."
+    if not fits:
+        advice = "Correct the log, or the rig's limit."
     got = f"reaches {peak[joint]:g} at {labels[joint]}; the amplifier drives {limit[joint]:g}"
     raise ValueError(f"{name} in {unit!r} {got}. {advice}")
 
@@ -241,9 +243,8 @@ def converted(field: str, value: NDArray[Any], unit: Unit, rig: Rig) -> dict[str
         gear = rig.drive.gear
         # The limit is one of joint torque; it is compared on the side where the value was logged.
         if unit == "motor N m":
-            require_limit(
-                field, value, limit / np.abs(gear), unit, {"N m": 1 / gear}, rig.joint_labels
-            )
+            others = {"N m": 1 / gear, "A of current": rig.drive.motor_gain}
+            require_limit(field, value, limit / np.abs(gear), unit, others, rig.joint_labels)
             return {field: rig.drive.joint_torque(value)}
         # Each motor has its limit, so coupled joint torques are taken to the shafts first.
         require_limit(

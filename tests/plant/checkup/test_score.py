@@ -98,3 +98,10 @@ def test_delays_are_seen_behind_the_noise_of_a_current(noisy, cause):
     assert [(found.name, found.joints, found.size) for found in causes] == (
         [(cause, (), 1.0)] if cause else []
     )
+
+
+def test_a_filter_that_is_stated_in_hertz_is_named(noisy):
+    hertz = dataclasses.replace(noisy.law, filter=noisy.law.filter / (2 * np.pi))
+    checkup = dataclasses.replace(noisy, law=hertz).check()
+    assert [found.name for found in checkup.causes] == ["filter in Hz"]
+    assert checkup.corrected.law.filter == pytest.approx(noisy.law.filter)
