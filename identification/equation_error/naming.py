@@ -158,9 +158,16 @@ def misread(record: Record, *, limited: bool = False) -> tuple[str, ...]:
     """
     checkup = record.check()
     causes = {cause.line for cause in checkup.causes}
+    # An export whose torques are late is late by whole rows; a drive may lag by less.
+    late = {
+        cause.line
+        for cause in checkup.causes
+        if cause.name == "late torques" and cause.size == round(cause.size)
+    }
     lines = []
     for finding in checkup.problems:
-        if finding.verdict != "wrong" or finding.check not in _MISREAD:
+        wrong = finding.verdict == "wrong" and finding.check in _MISREAD
+        if not wrong and finding.advice not in late:
             continue
         if limited and finding.check == "units of torque":
             continue
