@@ -272,8 +272,10 @@ def _lag_evidence(experiment, joints):
     values, stds = np.array(
         [lag(experiment, i, friction=True) for i in joints or range(experiment.n)]
     ).T
-    # What a law leaves of friction looks like a small lag.
-    if np.abs(values).max() < _LEAST_LAG or np.ptp(values) > _LEAST_LAG:
+    # What a law leaves of friction looks like a small lag. A lag is linear in the speed within the
+    # window over which speeds are smoothed; a longer one has another cause.
+    largest = np.abs(values).max()
+    if not _LEAST_LAG <= largest <= experiment.signals.window or np.ptp(values) > _LEAST_LAG:
         return ()
     return _common(values, stds)
 

@@ -83,7 +83,11 @@ class Trials:
         gains = [gain(size) for size in sizes]
         best = int(np.argmax(gains))
         size, most = float(sizes[best]), gains[best]
-        delay = hypothesis.check == "delay" and most > hypothesis.against
+        shown = most > hypothesis.against
+        # A mistake of some joints shows in these, and not in others alone.
+        if joints and shown and sum(_gains(experiment, changed(size), joints).values()) < 0:
+            return []
+        delay = hypothesis.check == "delay" and shown
         # What fast hardware reads beside the instant of the log is less than a sample away.
         if delay and abs(size) < 1 and not _of_these_joints(experiment, changed(size), joints):
             return []
@@ -119,13 +123,20 @@ class Trials:
         return [(size, most - np.log1p(tolerance**2 * max(curvature, 0.0)) / 2)]
 
 
+def _gains(before, after, joints):
+    """How much likelier a change makes what each term says of some joints, or of all."""
+    chosen = list(joints) or slice(None)
+    return {
+        name: (after.terms[name] - before.terms[name])[chosen].sum()
+        for name in after.terms
+        if name in before.terms
+    }
+
+
 def _of_these_joints(before, after, joints):
     """Whether what a delay of some joints, or of all, makes likelier is that delay."""
     chosen = list(joints) or slice(None)
-    gains = {name: (after.terms[name] - before.terms[name])[chosen].sum() for name in after.terms}
-    # Of one joint it shows in that joint, and not in others alone.
-    if joints and sum(gains.values()) < 0:
-        return False
+    gains = _gains(before, after, joints)
     # Where motion alone shows it, the motion must: an inertia that a shift makes uncertain has a
     # likelier prior, too.
     if before.torques_of_law is None and before.signals.torque is not None:

@@ -15,8 +15,10 @@ from plant import (
     Rig,
     simulate,
 )
+from plant.checkup.hypothesis import Hypothesis, each_joint
 from plant.checkup.score import Experiment
-from plant.checkup.undo import counts_in_time, exchanged_torques
+from plant.checkup.trials import Trials
+from plant.checkup.undo import counts_in_time, exchanged_torques, turned_torque
 
 
 def machine(resolution, period, **options):
@@ -105,3 +107,18 @@ def test_a_filter_that_is_stated_in_hertz_is_named(noisy):
     checkup = dataclasses.replace(noisy, law=hertz).check()
     assert [found.name for found in checkup.causes] == ["filter in Hz"]
     assert checkup.corrected.law.filter == pytest.approx(noisy.law.filter)
+
+
+def test_a_mistake_of_a_joint_shows_in_that_joint(noisy):
+    """What makes the log of another joint likelier, and that of this one less so, is no evidence."""
+    turned = turned_torque(noisy, (1,), 1.0)
+
+    def undo(record, joints, size):
+        changed = turned_torque(record, (1,), size)
+        if joints == (1,):
+            return changed
+        scale = np.where(np.isin(range(record.n), joints), 1.2, 1.0)
+        return dataclasses.replace(changed, current=scale * changed.current)
+
+    row = Hypothesis(name="turned", sentence="", remedy="", undo=undo, scope=each_joint)
+    assert [found.joints for found in Trials([row])(Experiment(turned))] == [(1,)]
