@@ -171,7 +171,8 @@ def run_report(options: Namespace) -> Answer:
         with bar.part(0.3, "controller"):
             identification, results = _to_report(options)
         with bar.part(0.7, "page"):
-            write_report(identification, *results, path=place, overwrite=options.force)
+            title = {} if options.title is None else {"title": options.title}
+            write_report(identification, *results, path=place, overwrite=options.force, **title)
     # The page speaks of options, not of Python's keyword arguments.
     write_whole(place, [page_in_the_shell(place.read_text(encoding="utf-8"))])
     return Answer(f"wrote {place}", {"file": str(place), "doubts": doubts(identification)})

@@ -368,6 +368,7 @@ _COMMANDS: dict[str, tuple[str, Any]] = {
             _FOUND,
             # A certificate has its own controller; --bandwidth is for a page without one.
             _option("--certificate", "file of certify -o or tune -o", metavar="FILE"),
+            _option("--title", "title of the page", metavar="TEXT"),
             _BANDWIDTH,
             _PATH,
             *_output("the page, such as page.html"),

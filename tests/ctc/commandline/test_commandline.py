@@ -138,11 +138,12 @@ def test_from_a_log_to_a_page(folder, capsys, monkeypatch):
     assert (code, err) == (0, "")
     assert "of 40 Monte Carlo samples" in out
     assert out.endswith("wrote proof.json\n")
-    code, out, err = run(
-        capsys, "report", "found.json", "--certificate", "proof.json", "-o", "page.html"
-    )
+    options = ("--certificate", "proof.json", "--title", "Cell 7", "-o", "page.html")
+    code, out, err = run(capsys, "report", "found.json", *options)
     assert (code, out, err) == (0, "wrote page.html\n", "")
-    assert (folder / "page.html").read_text(encoding="utf-8").count("<section>") == 8
+    page = (folder / "page.html").read_text(encoding="utf-8")
+    assert page.count("<section>") == 8
+    assert "<title>Cell 7</title>" in page
 
 
 def test_the_shell_speaks_no_python(folder, capsys, monkeypatch):
