@@ -49,9 +49,13 @@ _MOVING = 0.1
 def cogging(at: Optimum) -> dict[str, list[Floats]]:
     """Torques (N, n) [N m] along each record per N m of cogging of each motor, by name.
 
-    ``cogging.6cos[i]`` and ``cogging.6sin[i]``, with the cycles per turn that show most.
+    ``cogging.6cos[i]`` and ``cogging.6sin[i]``, with the cycles per turn that show most. None on
+    elastic gears: their swings pass the motor's positions at any number of cycles.
     """
     records = at.model.records
+    stated = records[0].rig.drive.elasticity is not None
+    if stated or any(name.startswith("drive.elasticity") for name in at.model.unknown):
+        return {}
     n = at.model.dynamics.n
     residuals = [at.before[rows].reshape(-1, n) for rows in at.model.rows()]
     responses = _responses(at)

@@ -213,7 +213,8 @@ def _flares(signals):
     ratios = []
     for i in range(signals.n):
         swings = _swings(signals, i)
-        if swings is None:
+        # A joint at rest has no swings, and none of any frequency.
+        if swings is None or not swings.frequency:
             continue
         fast = swings.fast
         span = round(SETTINGS.periods / swings.frequency / signals.interval)

@@ -261,7 +261,7 @@ def test_bad_input(learnt, log):
         evaluate(ARM, other, learnt.law, PATH, duration=0.1)
     with pytest.raises(ValueError, match="where the learnt path begins"):
         learnt.law.start(RIG, (500, 0))
-    with pytest.raises(ValueError, match="some for each"):
+    with pytest.raises(ValueError, match="as many for each"):
         LearntTorque(law=LAW, rig=RIG, reference=PATH, terms=(1.0,))
 
 
