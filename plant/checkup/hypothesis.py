@@ -62,6 +62,8 @@ class Hypothesis(Generic[Experiment]):
     tolerance : float, optional
         Standard deviation of the size before the log is read, in its unit. A size that the log
         determines much better than that costs evidence (Occam's factor).
+    whole : bool
+        Whether the size is a whole number, unless the log says otherwise.
     unit : str
         Unit of the size in messages.
     check : str
@@ -107,6 +109,7 @@ class Hypothesis(Generic[Experiment]):
     sizes: tuple[float, ...] = (1.0,)
     against: float = 5.0
     tolerance: float | None = None
+    whole: bool = False
     unit: str = ""
     check: str = ""
     suggested: Callable[[Any, Joints], tuple[float, ...]] | None = None

@@ -68,6 +68,9 @@ class ScoreSettings:
         Share of rigs whose friction is a guess, and the standard deviation of its logarithm.
     beyond, beyond_spread : float
         Share of the amplifier's limit that a torque may reach, and its relative standard deviation.
+    limited : float
+        Share of the commands beyond the amplifier's limit from which on a log without a torque
+        shows the limit.
     slow : float
         Share of the RMS speed below which a joint may stick, so that its friction is unknown.
     swinging : float
@@ -108,6 +111,7 @@ class ScoreSettings:
     guess_spread: float = 1.5
     beyond: float = 1.02
     beyond_spread: float = 0.02
+    limited: float = 0.5
     slow: float = 0.05
     swinging: float = 0.05
     average: float = 0.25
@@ -385,11 +389,16 @@ class Experiment:
 
     @functools.cached_property
     def torque(self) -> Floats | None:
-        """Motor torque (M, n), logged or else commanded below the limit; None without either."""
-        if self.signals.torque is not None or self.commanded is None:
+        """Motor torque (M, n), logged or else commanded; None without either."""
+        commanded = self.commanded
+        if self.signals.torque is not None or commanded is None:
             return self.signals.torque
         drive = self.record.rig.drive
-        return np.asarray(drive.motor_torque(drive.limited(drive.joint_torque(self.commanded))))
+        limited = np.asarray(drive.motor_torque(drive.limited(drive.joint_torque(commanded))))
+        # Single peaks beyond the limit are those of counts that are late or noisy. A log whose
+        # commands are mostly beyond it shows the limit.
+        share = np.mean(~np.isclose(commanded, limited), axis=0)
+        return limited if (share > SETTINGS.limited).any() else commanded
 
     @functools.cached_property
     def motions(self) -> list[Motion] | None:

@@ -112,7 +112,7 @@ class Trials:
         # whole number of rows. What a shift gains beyond the one on the other side is evidence: of
         # its direction, and of a delay that is no whole number.
         if hypothesis.check == "delay":
-            whole = round(size)
+            whole = hypothesis.whole and round(size)
             if whole and most - gain(2 * whole - size) < hypothesis.against:
                 size, most = float(whole), gain(whole)
             most -= max(gain(-size), 0.0)

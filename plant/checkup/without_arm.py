@@ -489,6 +489,8 @@ def _sizes() -> Iterator[Hypothesis[Any]]:
             scope=scope,
             suggested=delay_sizes(TORQUE_DELAYS),
             tolerance=2.0,
+            # An export is late by whole rows.
+            whole=True,
             unit="samples",
         )
 
