@@ -390,9 +390,11 @@ class Experiment:
     @functools.cached_property
     def torque(self) -> Floats | None:
         """Motor torque (M, n), logged or else commanded; None without either."""
-        commanded = self.commanded
-        if self.signals.torque is not None or commanded is None:
+        if self.signals.torque is not None:
             return self.signals.torque
+        commanded = self.commanded
+        if commanded is None:
+            return None
         drive = self.record.rig.drive
         limited = np.asarray(drive.motor_torque(drive.limited(drive.joint_torque(commanded))))
         # Single peaks beyond the limit are those of counts that are late or noisy. A log whose
