@@ -36,6 +36,7 @@ from identification.replay.gauss_newton import (
     reweighed,
 )
 from identification.replay.prediction import Prediction
+from identification.replay.whole_deviations import over_whole_deviations
 from identification.search.outcome import Fit, Outcome
 from identification.search.problem import Problem, is_long
 from plant import FrictionCurve
@@ -305,6 +306,8 @@ def polished(
 
     if gains is not None:
         solution = from_inside(prediction, solution, steps, bounds, gains)
+        if not len(solution.undetermined):
+            solution = over_whole_deviations(prediction, solution, bounds)
 
     # 3. Subtract the bias by rounding, where the loop of a log felt it; logs that are simulated for
     # it, in finer steps, have that of coarse steps as well.
