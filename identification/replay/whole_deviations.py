@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from identification.replay.gauss_newton import Solution, noise, slopes
-from identification.replay.residual import Reparametrised, Residual
+from identification.replay.residual import Reparametrised, Reweighable
 from plant.parts.fields import Floats, Integers
 from plant.parts.settings import frozen_settings
 from plant.parts.sums import dot, norm, products
@@ -72,7 +72,7 @@ class Axes(NamedTuple):
         return self.roots @ np.linalg.inv(self.information) @ self.roots.T
 
 
-def over_whole_deviations(residual: Residual, solution: Solution, bounds: Floats) -> Solution:
+def over_whole_deviations(residual: Reweighable, solution: Solution, bounds: Floats) -> Solution:
     """The solution itself if its covariance holds over its deviations; else one whose does.
 
     `bounds` (k, 2): of the values.
@@ -122,7 +122,7 @@ def over_whole_deviations(residual: Residual, solution: Solution, bounds: Floats
 
 
 def _axes(
-    residual: Residual,
+    residual: Reweighable,
     values: Floats,
     innovations: Floats,
     varied: Integers,

@@ -80,13 +80,16 @@ def main():
         worst = int(np.argmax(np.abs(z)))
         relative = estimate.fit.values[worst] / case.truth[worst] - 1
         (accused if estimate.doubts else clean).append(z)
+        # A fit of torques alone has no innovations.
+        innovation = estimate.fit.rms_innovation
+        followed = "no innovation" if innovation is None else f"innovation {innovation:.3f}"
         far = abs(z[worst]) > MOST
         if far and not estimate.doubts:
             wrong.append(seed)
         print(
             f"{label}: {'WRONG ' if far and not estimate.doubts else ''}z {z[worst]:.1f} of"
             f" {case.unknown[worst]} ({relative:+.1%}), rms z {np.sqrt(np.mean(z**2)):.2f},"
-            f" innovation {estimate.fit.rms_innovation:.3f}, {seconds:.1f} s",
+            f" {followed}, {seconds:.1f} s",
             flush=True,
         )
         if estimate.diagnostics.detection.reason is not None:
