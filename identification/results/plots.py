@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from identification.replay.followed import SETTINGS as FOLLOWED
 from identification.replay.prediction import Prediction
 from identification.results.seen import of_prior
 from identification.search.memory import as_repeated, run_again
@@ -60,6 +61,8 @@ def plot_identification(identification: Any, ax: Any = None) -> NDArray[Any]:
     prediction = Prediction(dynamics, record, identification.fit.unknown)
     innovations = prediction.innovations(np.append(values, prediction.nuisances)).reshape(-1, n)
     model = repeated(identification)
+    # The observer starts at rest: what it makes up for would hide innovations below a pulse.
+    settled = innovations[FOLLOWED.settling :]
 
     # 1. Errors and innovations, joint by joint.
     for joint, label in enumerate(dynamics.chain.joint_labels):
@@ -73,6 +76,9 @@ def plot_identification(identification: Any, ax: Any = None) -> NDArray[Any]:
             axis.set_ylabel("error [pulses]")
         innovation_axis.plot(record.t, innovations[:, joint], color=colour_of(0), linewidth=0.5)
         innovation_axis.set_ylabel("innovation [pulses]")
+        largest = np.abs(settled[:, joint]).max(initial=0.0)
+        if np.isfinite(largest) and largest > 0:
+            innovation_axis.set_ylim(-1.1 * largest, 1.1 * largest)
         # Titles of columns stand above the first row only, and times below the last one.
         dressed(record_axis, label)
         dressed(segment_axis, "a segment" if joint == 0 else "")

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from identification import fit_torque, identify, pulse_budget
-from identification.results import summary
+from identification.results import plots, summary
 from identification.results.diagnostics import Diagnostics
 from identification.results.plots import INTERVALS
 from identification.results.seen import drifting
@@ -167,6 +167,23 @@ def test_figure_of_long_names_is_short_at_its_ticks_and_apart_in_its_texts():
     ]
     assert not overlapping
     matplotlib.pyplot.close(figure)
+
+
+def test_the_transient_of_the_observer_hides_no_innovation(monkeypatch):
+    import matplotlib
+
+    matplotlib.use("Agg")
+    innovations = plots.Prediction.innovations
+
+    def with_transient(self, values):
+        rows = innovations(self, values)
+        rows[0] = 1000.0
+        return rows
+
+    monkeypatch.setattr(plots.Prediction, "innovations", with_transient)
+    axes = found().plot()
+    assert axes[2].get_ylim()[1] < 10.0
+    matplotlib.pyplot.close(axes[0].figure)
 
 
 @pytest.mark.parametrize("joint", [0, 1])
