@@ -454,7 +454,9 @@ class Experiment:
     def _columns(self, counts):
         """A function of motor and filtered torque that gives its equation of motion."""
         to_angle = self.record.rig.encoder.to_angle
-        per_pulse = np.broadcast_to(to_angle(np.ones(self.n)), (self.n,))
+        # The derivatives of a joint at rest are rounding errors, which explain a constant torque.
+        moves = np.ptp(self.signals.counts, axis=0) > 0
+        per_pulse = np.broadcast_to(to_angle(np.ones(self.n)), (self.n,)) * moves
         acceleration = np.column_stack([column.acceleration for column in counts]) * per_pulse
         speed = np.column_stack([column.speed for column in counts]) * per_pulse
         direction = np.column_stack([column.direction for column in counts])

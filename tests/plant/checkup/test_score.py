@@ -5,6 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 from machine_plans import STAND, gains
+from random_rigs import drawn
 
 from plant import (
     Cascade,
@@ -18,7 +19,12 @@ from plant import (
 from plant.checkup.hypothesis import Hypothesis, each_joint
 from plant.checkup.score import Experiment
 from plant.checkup.trials import Trials
-from plant.checkup.undo import counts_in_time, exchanged_torques, turned_torque
+from plant.checkup.undo import (
+    counts_in_time,
+    exchanged_torques,
+    turned_reference,
+    turned_torque,
+)
 
 
 def machine(resolution, period, **options):
@@ -122,3 +128,16 @@ def test_a_mistake_of_a_joint_shows_in_that_joint(noisy):
 
     row = Hypothesis(name="turned", sentence="", remedy="", undo=undo, scope=each_joint)
     assert [found.joints for found in Trials([row])(Experiment(turned))] == [(1,)]
+
+
+def test_a_joint_at_rest_has_no_motion_that_explains_a_torque():
+    """Its derivatives were rounding errors, and explained the constant torque of any trial."""
+    record = drawn(104).record
+    assert np.ptp(record.counts[:, 1]) == 0
+    experiment = Experiment(record)
+    turned = experiment.changed(turned_reference(record, (1,), 1.0))
+    assert turned.torque[0, 1] != 0
+    for trial in (experiment, turned):
+        assert trial.motions[1].unexplained == 1
+        assert trial.terms["motion"][1] == 0
+    assert record.check().causes == ()
