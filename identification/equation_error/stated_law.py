@@ -158,11 +158,10 @@ def told_by_torque(record: Record) -> tuple[Record, Memory] | None:
     noise = np.sqrt(2) * white_noise(difference, held=True)
     memory, columns = state_directions(followed, run, usual)
     # A law that began with the log keeps that state, unless the torque refutes it.
-    state = law.initial_state(record.n)
-    beginning = reading(record, Resumed(law=law, state=state))
+    beginning = _beginning(record)
     fresh = (logged - law_torque(beginning))[rows]
     if _evidence(columns[:, rows] / unit, fresh / unit) < 0:
-        return beginning, replace(Memory.known(state), noise=noise)
+        return beginning, replace(Memory.known(beginning.law.state), noise=noise)
     # The state by least squares of the noise, in its own standard deviations.
     weighted = columns[:, rows] / unit
     squares, axes = np.linalg.eigh(np.einsum("amn,bmn->ab", weighted, weighted))
@@ -248,13 +247,7 @@ def begun(record: Record) -> Record:
 
     nearest, _ = nearest
     # A law that begins with the log explains the torque about as well: then nothing came before.
-    valid = np.flatnonzero(record.valid > 0)
-    rows = valid[valid >= FADED]
-    beginning = reading(record, Resumed(law=law, state=law.initial_state(record.n)))
-    distances = [
-        np.sqrt(np.mean((law_torque(candidate) - logged)[rows] ** 2))
-        for candidate in (beginning, nearest)
-    ]
+    distances = [_distance(candidate, logged) for candidate in (_beginning(record), nearest)]
     negligible = SETTINGS.equal * np.abs(logged).max()
     # The best state is fitted, and so is always a little nearer: only a clear advantage counts.
     if distances[0] <= SETTINGS.ratio * distances[1] + negligible:
@@ -289,11 +282,14 @@ def _nearest(record, logged):
     # Fast hardware reads the arm between samples, where the log has nothing.
     if law.period is None:
         return None
+    beginning = _beginning(record)
     try:
-        followed, usual = at_work(record, Resumed(law=law, state=law.initial_state(record.n)))
+        followed, usual = at_work(record, beginning.law)
     except ValueError:
         # The rounding of its reference hides the torque.
         return None
+    # A law that began with its log, and is not linear in its state, is found from no other state.
+    candidates = [beginning, followed]
     # The state by linear least squares, again from the new state where the law is not linear in it.
     for _ in range(SETTINGS.rounds):
         run = run_law(followed)
@@ -306,4 +302,18 @@ def _nearest(record, logged):
         state = memory.at(least(rows, missing))
         reader = followed.law
         followed = replace(followed, law=replace(reader, state=state))
-    return followed, usual
+        candidates.append(followed)
+    return min(candidates, key=lambda candidate: _distance(candidate, logged)), usual
+
+
+def _beginning(record):
+    """The record with its law reading the log, from the state in which the law begins."""
+    law = record.law
+    return reading(record, Resumed(law=law, state=law.initial_state(record.n)))
+
+
+def _distance(record, logged):
+    """RMS distance [N m] of the logged torque (N, n) from that of a law that reads the log."""
+    valid = np.flatnonzero(record.valid > 0)
+    rows = valid[valid >= FADED]
+    return np.sqrt(np.mean((law_torque(record) - logged)[rows] ** 2))

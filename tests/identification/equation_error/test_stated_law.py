@@ -11,7 +11,7 @@ from logged_laws import LAWS
 
 from identification import identify
 from identification.equation_error.stated_law import torque_apart
-from plant import LoggedTorque, puma560, simulate
+from plant import FrictionCurve, LoggedTorque, puma560, simulate
 from plant.checkup.lost_rows import bridged
 
 ARM, RIG = puma560.literature_arm(1.5), puma560.rig()
@@ -31,6 +31,14 @@ def test_the_law_that_made_a_cut_log_gives_its_torque(name):
     others = [other for other in ("P", "PID", "cascade") if other != name]
     for other in others:
         assert torque_apart(dataclasses.replace(record, law=LAWS[other])).min() > 0.3
+
+
+def test_a_law_that_began_with_its_log_is_not_accused_of_another_torque():
+    """From a state later in the log its observer learns other friction, also of right logs."""
+    curve = FrictionCurve(offset=(0.3 * RIG.drive.coulomb).round(3))
+    truth = dataclasses.replace(RIG, drive=dataclasses.replace(RIG.drive, curve=curve))
+    record = simulate(ARM, truth, LAWS["computed torque"], puma560.reference(), duration=1.6)
+    assert torque_apart(dataclasses.replace(record, rig=RIG)).max() < 1e-9
 
 
 def test_another_gain_shows_by_its_share_of_the_torque():
