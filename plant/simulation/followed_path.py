@@ -164,18 +164,18 @@ def path_of(record: Record, clock: Clock | None = None, *, smooth: bool = False)
     # Rounding explains one pulse; rows of another time, as of lost messages, are found elsewhere.
     wrong = np.flatnonzero(off > 1)
     if len(wrong) and not off_reference(record)[wrong].all():
-        raise ValueError(
-            f"reference_pulses must be the reference's own, from t = 0; sample {wrong[0]} is"
-            f" {off[wrong[0]]:.0f} pulses off. {_scale_hint(record, counts)}Correct the reference,"
-            " or leave it out to replay the logged counts."
+        reason = _scaled(record, counts) or (
+            f"; sample {wrong[0]} is {off[wrong[0]]:.0f} pulses off. Correct the reference, or"
+            " leave it out to replay the logged counts."
         )
+        raise ValueError(f"reference_pulses must be the reference's own, from t = 0{reason}")
     # Logged fractions show that nothing was rounded in the experiment.
     whole = (record.reference_pulses == np.trunc(record.reference_pulses)).all()
     return Path(record.reference, smooth_rig(record.rig)) if smooth or not whole else path
 
 
-def _scale_hint(record: Record, counts: Floats) -> str:
-    """A hint if logged counts are those of the reference (N, n) times a number, otherwise ""."""
+def _scaled(record: Record, counts: Floats) -> str:
+    """The cause if logged counts are those of the reference (N, n) times a number, otherwise ""."""
     moved = counts - counts.mean(axis=0)
     logged = record.reference_pulses - record.reference_pulses.mean(axis=0)
     power = (moved * moved).sum(axis=0)
@@ -185,9 +185,11 @@ def _scale_hint(record: Record, counts: Floats) -> str:
     proportional = (np.abs(logged - ratio * moved) <= 1.5 + np.abs(ratio)).all()
     if not proportional or abs(ratio[joint] - 1) < 1e-3:
         return ""
+    # To replay the logged counts would hide that the rig counts another motion.
     return (
-        f"At {record.rig.joint_labels[joint]} they are {ratio[joint]:.4g} times the reference's:"
-        " check gear, pulses per turn and sign. "
+        "; gears (or counts per turn) are not the rig's. At"
+        f" {record.rig.joint_labels[joint]} they are {ratio[joint]:.4g} times the reference's:"
+        " check gear, pulses per turn and sign, and that the reference is in radians."
     )
 
 

@@ -341,7 +341,7 @@ LABELS = {
     "scale of counts": (
         r"times as far|correct the resolution|resolution|unit|moved? .* turns|steps of"
     ),
-    "gears, lengths": r"gears \(or lengths",
+    "gears, lengths": r"gears \(or (lengths|counts per turn)",
     "rotor": r"rotor of|below that of its rotor",
     "changes": r"contradict each other|changing|drift|do not hold for both",
     "oscillates": r"oscillates",
