@@ -227,9 +227,11 @@ def events(signals: Signals, i: int) -> Events:
     if common and np.mean(np.abs(sizes - common) < 0.05 * common) > 0.8:
         return Events(outliers[:0] + 1, outliers + 1, innovation, common)
 
-    # 3. A glitch returns with the next step, by the same size within a half.
+    # 3. A glitch returns with the next step, by the same size within a half; a jump stays.
     glitches = list[int]()
     jumps = list[int]()
+    # Teeth that meet stop a motor within samples: no step is faster than the motion is elsewhere.
+    slow = np.abs(np.diff(signals.counts[:, i])) <= signals.full_speed[i] * np.diff(signals.t)
     for k in outliers.tolist():
         if glitches and k == glitches[-1] + 1:
             continue  # the step back from a glitch
@@ -238,7 +240,12 @@ def events(signals: Signals, i: int) -> Events:
         # ... and cancels at least half of this one.
         if back and abs(innovation[k + 1] + innovation[k]) < 0.5 * abs(innovation[k]):
             glitches.append(k)
-        else:
+            continue
+        # Beside a jump the counts have the speed of the motion; a motor that is stopped lacks
+        # at least half of this step in the step before or behind, too.
+        steps = slice(max(k - 1, 0), k + 2)
+        alike = innovation[steps] * np.sign(innovation[k]) > 0.5 * abs(innovation[k])
+        if (alike & slow[steps]).sum() < 2 or not slow[k]:
             jumps.append(k)
     return Events(np.array(glitches, int) + 1, np.array(jumps, int) + 1, innovation, 0.0)
 

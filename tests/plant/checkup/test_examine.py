@@ -282,6 +282,21 @@ def jump(record, joint, size):
     )
 
 
+def at_full_speed(record, joint):
+    """Row at the largest speed of a joint, and its counts per row there."""
+    speed = np.gradient(np.convolve(record.counts[:, joint], np.ones(21) / 21, mode="same"))
+    speed[:100] = speed[-100:] = 0
+    row = int(np.argmax(np.abs(speed)))
+    return row, speed[row]
+
+
+def teeth_that_meet(record, joint):
+    """A motor that stops within a sample where its gear's teeth meet, and then catches up."""
+    row, speed = at_full_speed(record, joint)
+    lacks = np.interp(np.arange(len(record)), row + np.array([0, 2, 20]), (0, speed * 2, 0))
+    return counting(record, np.round(record.counts - lacks[:, None] * np.eye(record.n)[joint]))
+
+
 def stuck(record, joint, seconds):
     counts, first = np.array(record.counts), int(0.3 * len(record))
     counts[first : first + round(seconds / record.rig.period) + 1, joint] = counts[first, joint]
@@ -668,6 +683,16 @@ OPEN_LOOP = {
 
 def test_open_loop_is_fine(open_loop):
     assert open_loop.check().ok, open_loop.check()
+
+
+def test_teeth_that_meet_are_no_jump_of_the_counts(records):
+    """Behind lost counts the motion goes on; a motor that is stopped lacks further ones."""
+    record = records["planar 3"]
+    row, speed = at_full_speed(record, 0)
+    lost = record.counts - 2 * round(speed) * (np.arange(len(record)) > row)[:, None] * np.eye(3)[0]
+    for counts, jumps in ((teeth_that_meet(record, 0), False), (counting(record, lost), True)):
+        names = [(finding.check, finding.joint) for finding in counts.check().problems]
+        assert (("jumps", 0) in names) is jumps
 
 
 @pytest.mark.parametrize("defect", OPEN_LOOP)
