@@ -282,8 +282,13 @@ def _moved(record, change):
     return replace(record, law=replace(law, state=law.state + change))
 
 
-def state_directions(record: Record, run: LawRun, scale: Floats) -> tuple[Memory, Floats]:
-    """Directions of states of these magnitudes (s,), and the torques (r, N, n) that each makes."""
+def state_directions(
+    record: Record, run: LawRun, scale: Floats, *, faded: int = FADED
+) -> tuple[Memory, Floats]:
+    """Directions of states of these magnitudes (s,), and the torques (r, N, n) that each makes.
+
+    `faded`: samples whose torque shows no direction; without them a filter's memory is one.
+    """
     # 1. Torque by each state, from runs of the law along the log.
     clock = Clock.of(record)
     period = record.rig.period
@@ -299,8 +304,8 @@ def state_directions(record: Record, run: LawRun, scale: Floats) -> tuple[Memory
     effects = np.reshape(np.concatenate(by_state), (-1, torque.size)).T
 
     # 2. A filter's memory acts at once, and would saturate: such changes are made smaller.
-    parts = np.split(effects, [FADED * record.n])
-    initial, later = (np.abs(part).max(axis=0) for part in parts)
+    parts = np.split(effects, [faded * record.n])
+    initial, later = (np.abs(part).max(axis=0, initial=0.0) for part in parts)
     fading = np.maximum(initial - later, 1e-12)
     share = np.minimum(1.0, SETTINGS.initial_torque * np.abs(torque).max() / fading)
     effects = effects * share
@@ -308,7 +313,7 @@ def state_directions(record: Record, run: LawRun, scale: Floats) -> tuple[Memory
     scale[varied] *= share
 
     # 3. Principal directions of the torque, those that it shows, scaled to 1 N m.
-    _, sizes, axes = np.linalg.svd(triangle(effects[FADED * record.n :]))
+    _, sizes, axes = np.linalg.svd(triangle(effects[faded * record.n :]))
     shown = sizes > SETTINGS.least_torque * norm(torque)
     unit = np.sqrt(torque.size) / sizes[shown]
     directions = np.zeros((len(scale), shown.sum()))

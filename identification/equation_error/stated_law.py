@@ -293,12 +293,13 @@ def _nearest(record, logged):
     # The state by linear least squares, again from the new state where the law is not linear in it.
     for _ in range(SETTINGS.rounds):
         run = run_law(followed)
-        memory, columns = state_directions(followed, run, usual)
+        # Along its log a law does not depend on the start of the arm: the first samples count, and
+        # show what its filters remember.
+        memory, columns = state_directions(followed, run, usual, faded=0)
         if not len(columns):
             break
-        # The first samples are left out: there a state looks like another start of the arm.
-        missing = (logged - law_torque(followed, run))[FADED:].ravel()
-        rows = columns[:, FADED:].reshape(len(columns), -1).T
+        missing = (logged - law_torque(followed, run)).ravel()
+        rows = columns.reshape(len(columns), -1).T
         state = memory.at(least(rows, missing))
         reader = followed.law
         followed = replace(followed, law=replace(reader, state=state))
