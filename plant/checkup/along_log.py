@@ -35,17 +35,11 @@ class AlongLogSettings:
 SETTINGS = AlongLogSettings()
 
 
-def steps_of_torque(signals: Signals, rows: int = 1) -> tuple[Floats, Floats] | None:
+def steps_of_torque(signals: Signals, commanded: Floats, rows: int = 1) -> tuple[Floats, Floats]:
     """Steps (M, n) of commanded and of logged motor torque over some rows of the log.
 
-    None where they cannot be compared.
+    `commanded` (K, n): joint torque of the law, as of `torque_along`.
     """
-    # The logged torque is the yardstick.
-    if signals.torque is None:
-        return None
-    commanded = torque_along(signals, signals.record.law, signals.rig)
-    if commanded is None:
-        return None
     # A law that starts with the log has the right memory, and any other forgets the wrong one.
     clear = signals.clear[: len(commanded)].copy()
     clear[: signals.window] = False
@@ -53,7 +47,7 @@ def steps_of_torque(signals: Signals, rows: int = 1) -> tuple[Floats, Floats] | 
     t = sample_times(signals, len(commanded))
     rig, record = signals.rig, signals.record
     injected = 0.0 if record.injected is None else at_times(t, record.t, record.injected)
-    logged = rig.drive.joint_torque(at_times(t, signals.t, signals.torque))
+    logged = rig.drive.joint_torque(at_times(t, signals.t, np.asarray(signals.torque)))
     # The amplifier limits what the law commands, so compare limited torques.
     torques = (
         rig.drive.motor_torque(rig.drive.limited(joint)) for joint in (commanded + injected, logged)

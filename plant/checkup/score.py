@@ -14,7 +14,7 @@ from typing import Any, NamedTuple, Self
 
 import numpy as np
 
-from plant.checkup.along_log import steps_of_torque
+from plant.checkup.along_log import steps_of_torque, torque_along
 from plant.checkup.signals import Signals
 from plant.laws.replayed import commanded_torque
 from plant.parts.fields import Floats
@@ -350,6 +350,21 @@ class Experiment:
         return float((self.filter.kernels[:, 1] ** 2).sum()) / 12
 
     @functools.cached_property
+    def torque_along(self) -> Any:
+        """Joint torque (K, n) of the law along the log, or None; that of the base where it can be.
+
+        No change of a logged torque changes what the law commands.
+        """
+        record = self.record
+        columns = record.t, record.valid, record.error_pulses, record.reference_pulses
+        return self.as_before(
+            "along the log",
+            0,
+            (record.law, record.rig, record.reference, *columns),
+            functools.partial(torque_along, self.signals, record.law, record.rig),
+        )
+
+    @functools.cached_property
     def torques_of_law(self) -> tuple[Floats, Floats] | None:
         """Commanded and logged motor torque (K, n) of comparable rows; None without both.
 
@@ -362,7 +377,8 @@ class Experiment:
         if not self.long_enough:
             return None
         if law.has_memory(self.n):
-            return steps_of_torque(signals)
+            along = self.torque_along
+            return None if along is None else steps_of_torque(signals, along)
         rows = slice(None, None, max(1, len(signals.t) // SETTINGS.command_rows))
         commanded = self.commanded_at(rows)
         if commanded is None:
@@ -385,7 +401,7 @@ class Experiment:
         """
         if self.torques_of_law is None or not self.record.law.has_memory(self.n):
             return None
-        return _shares(steps_of_torque(self.signals, self.signals.window))
+        return _shares(steps_of_torque(self.signals, self.torque_along, self.signals.window))
 
     @functools.cached_property
     def torque(self) -> Floats | None:

@@ -77,6 +77,8 @@ class Signals:
         columns = "error_pulses", "reference_pulses", "valid"
         same = before and all(getattr(before, name) is getattr(record, name) for name in columns)
         self.counts: Floats = base.counts if base and same else self._rows(record.counts)
+        same_times = before and before.t is record.t
+        self._same_counts = base if same and same_times else None
         self.reference = None
         # Records without a reference have zeros there.
         if record.reference_pulses.any():
@@ -176,6 +178,8 @@ class Signals:
     @functools.cached_property
     def clear(self) -> Bools:
         """Rows (G,) of `smooth` and `rates` that are valid: clear of gaps and ends."""
+        if self._same_counts is not None:
+            return self._same_counts.clear
         times = self._times
         present = np.ones(len(times))
         # Interpolated values in a gap are no measurement.

@@ -141,3 +141,14 @@ def test_a_joint_at_rest_has_no_motion_that_explains_a_torque():
         assert trial.motions[1].unexplained == 1
         assert trial.terms["motion"][1] == 0
     assert record.check().causes == ()
+
+
+def test_a_law_is_run_again_only_where_its_counts_change(noisy):
+    """No change of a logged torque changes what the law commands."""
+    experiment = Experiment(noisy)
+    turned = experiment.changed(turned_torque(noisy, (0,), 1.0))
+    late = experiment.changed(counts_in_time(noisy, (0,), 1.0))
+    assert experiment.torque_along is not None
+    assert turned.torque_along is experiment.torque_along
+    assert not np.array_equal(late.torque_along, experiment.torque_along)
+    assert turned.command == pytest.approx(Experiment(turned.record).command, rel=0, abs=0)
