@@ -10,8 +10,6 @@ import functools
 from collections.abc import Iterator
 from dataclasses import replace
 
-import numpy as np
-
 from identification.equation_error import restatements as undo
 from identification.equation_error.naming import misread
 from identification.equation_error.stated_equation import SETTINGS, TorqueEquation
@@ -147,7 +145,7 @@ HYPOTHESES = (
         sentence="the positions are {value:.3g} times too large",
         remedy="Correct their unit (degrees, turns, rad)",
         undo=undo.in_unit,
-        sizes=(180 / np.pi, 0.5 / np.pi),
+        suggested=undo.units,
         against=10.0,
         unit="times",
     ),

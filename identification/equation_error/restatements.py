@@ -120,6 +120,12 @@ def scales(equation, joints):
     yield equation.scale, equation.evidence_of_bodies(equation.scale) - less_likely
 
 
+def units(equation, joints):
+    """Units in radians that leave a motion as a log for an identification has one."""
+    reach = np.rad2deg(np.ptp(equation.motion.q, axis=0).max())
+    return tuple(unit for unit in (180 / np.pi, 0.5 / np.pi) if reach / unit > SETTINGS.reach)
+
+
 def in_unit(equation, joints, size):
     """Positions that were read in a unit so many times too large."""
     return replace(equation, motion=Motion(*(signal / size for signal in equation.motion)))

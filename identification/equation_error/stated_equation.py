@@ -52,6 +52,10 @@ class RestatedSettings:
         Angles [degrees] by which gravity is turned to find the likeliest tilt, one after the other.
     level : float
         Tilt [degrees] below which a base is level.
+    reach : float
+        Range [degrees] of the joint that moves furthest, below which no unit of positions is
+        believed: collinear motions through 1 and 2 degrees are nearly linear, so that f of any
+        value fits them better (``tests/benchmarks/any_rig.py``, seeds 8 and 20).
     braked : float
         Power of the stated friction, as a share of that of the torques, from which on a torque
         without friction shows.
@@ -85,6 +89,7 @@ class RestatedSettings:
     suspected: float = 0.02
     tilts: tuple[float, ...] = (15.0, 10.0, 5.0, 5.0, 2.0)
     level: float = 3.0
+    reach: float = 5.0
     braked: float = 0.02
     friction: float = 0.7
     usual: float = 0.2

@@ -8,6 +8,7 @@ import pytest
 from packaged_arms import elbow_of_a_ur5e
 from random_rigs import drawn
 
+from identification.equation_error import restatements
 from identification.equation_error.regressor import regressor_along
 from identification.equation_error.restated import contradictions, restated
 from identification.equation_error.stated_equation import TorqueEquation
@@ -253,6 +254,15 @@ def test_positions_in_another_unit_are_named(factor):
     cause, *_ = contradictions(dataclasses.replace(equation, motion=scaled))
     assert cause.name == "unit of positions"
     assert cause.size == pytest.approx(factor)
+
+
+def test_no_unit_leaves_a_motion_of_a_degree():
+    """A motion along one line is the more linear, the smaller it is stated."""
+    case = drawn(20)
+    equation = TorqueEquation.of(case.dynamics, case.record)
+    smaller = restatements.in_unit(equation, (), 180 / np.pi)
+    assert smaller.evidence - equation.evidence > 10.0
+    assert contradictions(equation) == ()
 
 
 def test_torques_that_are_late_by_some_samples_are_named():
