@@ -466,7 +466,7 @@ def _stranger(experiment, changed, size):
         max(motion.unexplained for motion in motions)
         for motions in (experiment.motions, changed.motions)
     )
-    inertia = float((changed.terms["inertia"] - experiment.terms["inertia"]).sum())
+    inertia = float((changed.beside_law["inertia"] - experiment.beside_law["inertia"]).sum())
     strange = before > _STRANGE * SETTINGS.motion or inertia > _BELOW_ROTOR
     if strange and after < SETTINGS.motion:
         stated, restated = (

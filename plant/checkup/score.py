@@ -521,21 +521,30 @@ class Experiment:
     @functools.cached_property
     def terms(self) -> dict[str, Floats]:
         """Log likelihoods (n,) of the equations, and of what rig and law state, by name."""
+        return self.beside_law | self._of_law
+
+    @property
+    def _of_law(self):
+        """Log likelihood (n,) of the logged torque under the law; nothing without both."""
         half = self.filter.equations / 2
+        if self.command is None:
+            return {}
+        if self.slow_command is None:
+            return {"command": -half * np.log(self.command + SETTINGS.command)}
+        # Steps that the law does not explain differ by noise alone. Of steps over a window one per
+        # window is independent. The clearer evidence of both counts.
+        unlike = SETTINGS.unlike + SETTINGS.steps
+        quick, slow = (
+            np.log(unlike / (np.minimum(share, SETTINGS.unlike) + SETTINGS.steps))
+            for share in (self.command, self.slow_command)
+        )
+        explained = np.maximum(quick, slow / SETTINGS.per_window)
+        return {"command": half * (explained - np.log(unlike))}
+
+    @functools.cached_property
+    def beside_law(self) -> dict[str, Floats]:
+        """Log likelihoods (n,) of all that needs no run of a law with memory, by name."""
         terms = {"tracking": self.following[1]}
-        if self.command is not None:
-            if self.slow_command is None:
-                terms["command"] = -half * np.log(self.command + SETTINGS.command)
-            else:
-                # Steps that the law does not explain differ by noise alone. Of steps over a window
-                # one per window is independent. The clearer evidence of both counts.
-                unlike = SETTINGS.unlike + SETTINGS.steps
-                quick, slow = (
-                    np.log(unlike / (np.minimum(share, SETTINGS.unlike) + SETTINGS.steps))
-                    for share in (self.command, self.slow_command)
-                )
-                explained = np.maximum(quick, slow / SETTINGS.per_window)
-                terms["command"] = half * (explained - np.log(unlike))
         if self.motions is not None and self.equations_of_motion is not None:
             freedom = self._freedom(self.equations_of_motion[0])
             unexplained = np.array([motion.unexplained for motion in self.motions])
@@ -607,7 +616,30 @@ class Experiment:
     @functools.cached_property
     def score(self) -> float:
         """Log likelihood of the log."""
-        return float(sum(term.sum() for term in self.terms.values()))
+        return _total(self.terms)
+
+    @property
+    def largest_score(self) -> float:
+        """That of a log whose torque is exactly what the law commands."""
+        law = self.record.law
+        if law is None:
+            return _total(self.beside_law)
+        unexplained = SETTINGS.steps if law.has_memory(self.n) else SETTINGS.command
+        explained = -self.filter.equations / 2 * np.log(unexplained)
+        return _total(self.beside_law) + self.n * float(explained)
+
+    def gain(self, changed: Self, least: float) -> float:
+        """How much likelier a change makes the log; an upper bound where that is below `least`.
+
+        A run of the law along the log takes most of the time of a trial, and cannot make up for
+        counts that follow no reference and a motion that needs another torque.
+        """
+        most = changed.largest_score - self.score
+        return most if most < least else changed.score - self.score
+
+
+def _total(terms):
+    return float(sum(term.sum() for term in terms.values()))
 
 
 def _following(reference, counts, noise, half):

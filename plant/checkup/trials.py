@@ -57,7 +57,7 @@ class Trials:
                 undone = changed(size)
                 # Evidence of its own joins that of the score, which sees more of a large mistake.
                 if hypothesis.scored:
-                    gain = max(gain, undone.score - experiment.score)
+                    gain = max(gain, experiment.gain(undone, gain))
             odds = gain - hypothesis.against
             words = {**names, **_shift(size), "inverse": 1 / size if size else np.inf}
             # A sentence that asks for another word fails here, where its row can be named.
@@ -80,7 +80,7 @@ class Trials:
         def gain(size):
             return changed(float(size)).score - experiment.score
 
-        gains = [gain(size) for size in sizes]
+        gains = [experiment.gain(changed(float(size)), hypothesis.against) for size in sizes]
         best = int(np.argmax(gains))
         size, most = float(sizes[best]), gains[best]
         shown = most > hypothesis.against
