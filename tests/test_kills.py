@@ -16,7 +16,10 @@ def server():
         yield server
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize(
+    "kind",
+    [pytest.param(kind, marks=[pytest.mark.slow] if kind == "certify" else []) for kind in KINDS],
+)
 def test_killed_work_goes_on_to_the_same_bits(server, tmp_path, kind):
     expected, alone = server.run(kind, None, tmp_path / "out")
     assert len(expected) == 64

@@ -116,6 +116,7 @@ def torque_off(arm, joints):
     return np.sqrt(np.mean((ours - true) ** 2, axis=0) / np.mean(true**2, axis=0))
 
 
+@pytest.mark.slow
 def test_the_joint_is_named_before_the_search(still):
     said = still[1]
     assert "joint elbow (q[2]) moves by" in said[0]

@@ -46,6 +46,7 @@ def test_the_fit_at_the_resonance_of_the_robot_is_nearest_to_it(found, again):
     assert np.argmin(away) == len(again.places) // 2
 
 
+@pytest.mark.slow
 def test_plants_have_the_f_of_their_resonance_and_laws_that_of_the_middle(found, again):
     stated = Uncertainty(resonance=(0.9 * HZ, 1.1 * HZ), damping_ratio=RATIO)
     plants = draw(stated, found, RIG, 400, 0, START)

@@ -59,7 +59,7 @@ LAWS = {
 
 
 @pytest.mark.parametrize("law", LAWS.values(), ids=LAWS)
-@pytest.mark.parametrize("share", [1.0, 0.8])
+@pytest.mark.parametrize("share", [1.0, pytest.param(0.8, marks=pytest.mark.slow)])
 def test_links_of_another_engine_follow(law, share):
     """All of (6) at 25 Hz, every joint: within 0.04 mrad plus 0.9 mrad times what the known
     stiffness is off by.

@@ -31,6 +31,7 @@ def found(*more, finer=1, duration=1.5):
                     unknown=(*ARM.dynamics.names, *more))  # fmt: skip
 
 
+@pytest.mark.slow
 def test_the_bandwidth_follows_what_is_known():
     assert (ComputedTorque(ARM, RIG).bandwidth, ComputedTorque(ARM, RIG).dead_zone) == (360, 0)
     assert ComputedTorque(found().arm, found().rig).bandwidth == 360

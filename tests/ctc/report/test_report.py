@@ -367,6 +367,7 @@ def test_which_result_is_of_another_identification_is_said(found, tmp_path, off,
     assert not (tmp_path / "mixed.html").exists()
 
 
+@pytest.mark.slow
 def test_of_a_set_the_page_names_the_worst_motion_and_has_the_verdict_on_all(found, tmp_path):
     """The same shares as on the screen."""
     law = ComputedTorque(found.arm, found.rig)

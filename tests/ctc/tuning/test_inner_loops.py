@@ -29,6 +29,7 @@ def tuning():
     )
 
 
+@pytest.mark.slow
 def test_the_quietest_register_that_holds_is_proposed():
     trials = tuning().inner
     assert trials[-1].register == 2

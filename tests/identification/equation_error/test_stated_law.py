@@ -69,6 +69,7 @@ def test_counts_beside_a_reference_with_fractions_are_those_of_the_controller():
         assert (torque_apart(logged) is not None) is compared
 
 
+@pytest.mark.slow
 def test_an_identification_says_so():
     record = cut(LAWS["P"])
     right = identify(ARM.dynamics, record, progress=False)

@@ -137,6 +137,7 @@ def test_neither_order_nor_an_irrelevant_guess_changes_it():
         assert guessed.std == pytest.approx(found.std, rel=0.1)
 
 
+@pytest.mark.slow
 def test_a_log_without_a_law_replays_its_torque():
     """Which was measured at the samples: as `fit_torque` takes it."""
     record = dataclasses.replace(loaded()[0], law=None)

@@ -160,6 +160,7 @@ def test_it_repeats_a_run_that_it_has_not_seen():
     assert (off < 0.02 * np.ptp(other.counts, axis=0)).all(), off / np.ptp(other.counts, axis=0)
 
 
+@pytest.mark.slow
 def test_zeros_that_are_there_and_not_looked_for_do_harm():
     """The point of `zeros`: without them the same logs give worse values, and a worse fit."""
     off = [

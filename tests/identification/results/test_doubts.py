@@ -132,6 +132,7 @@ def two_joints_of_a_ur5e():
 
 
 # in the linear, where nothing limits it
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:.*the loop of P is unstable")
 @pytest.mark.parametrize(  # without a lag, what its start sets swinging decays over the log
     ("gain", "lag", "hunts"),

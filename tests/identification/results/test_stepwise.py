@@ -226,6 +226,7 @@ def test_a_load_in_one_of_two_logs_is_named_with_its_record():
         assert lever == pytest.approx(-0.55, rel=0.2)
 
 
+@pytest.mark.slow
 def test_backlash_is_seen_where_the_load_changes_sign():
     found = quick(log(elasticity=gears(200, backlash=np.deg2rad((0.03, 0.03)))))
     assert found.diagnostics.detection.names == ("backlash",)
@@ -324,6 +325,7 @@ def test_torques_that_are_repeated_show_lag_and_compliance():
     assert found.diagnostics.detection.names == ("compliance",)
 
 
+@pytest.mark.slow
 def test_the_papers_method_is_tested_too_and_its_result_stays():
     """f is the genetic algorithm's, from a cold start; the test fits the model anew."""
     tiny = GeneticSettings.paper(individuals=6, subpopulations=1, generations=2)
@@ -354,6 +356,7 @@ def test_a_fast_law_with_a_memory_is_tested_in_its_loop():
     }
 
 
+@pytest.mark.slow
 def test_motors_that_cog_are_named_beside_logged_torques():
     """They hold what the law gave, and not what the motor's ripple added."""
     ripple = TorqueRipple(amplitude=0.4 * RIG.drive.coulomb, cycles=(6, 6), phase=(0.5, 1.0))
@@ -361,6 +364,7 @@ def test_motors_that_cog_are_named_beside_logged_torques():
     assert re.match(r"motors cog: 0.0[56]\d* N m, 6 times per turn, at joint 2", said)
 
 
+@pytest.mark.slow
 def test_weak_cogging_of_a_quick_motor_has_its_cycles():
     """It leaves less in the innovations than the noise at fewer cycles."""
     ripple = TorqueRipple(amplitude=(0.02, 0.0), cycles=(6, 6), phase=(0.5, 1.0))
@@ -429,6 +433,7 @@ def test_a_load_in_a_record_held_out_is_told_as_a_change():
     assert found.diagnostics.detection.named[0].name == "disagreement"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("factor", "law"),
     [
@@ -485,6 +490,7 @@ def test_a_length_of_which_f_takes_over_nine_tenths_is_named_and_no_gear():
     }
 
 
+@pytest.mark.slow
 def test_a_derivative_that_the_stated_law_lacks_is_named():
     law = PD(gain=(0.1, 0.075), derivative=(1e-4, 7.5e-5), filter=3000.0)
     record = dataclasses.replace(

@@ -91,6 +91,7 @@ def test_an_arm_in_motion_has_a_controller_that_was_at_work():
     assert estimate.fit.values.sum() == pytest.approx(case.truth.sum(), rel=1e-3)
 
 
+@pytest.mark.slow
 def test_coarse_steps_of_an_integration_are_no_elastic_gear():
     """At 4 steps per sample a fast, soft loop looked like gears of 222 Hz, with odds of 1e21."""
     case = drawn(137)

@@ -312,6 +312,7 @@ def test_ranges_that_exclude_the_truth_are_warned_about():
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "wrong",
     ["errors", *(pytest.param(each, marks=pytest.mark.slow) for each in ("gear", "joints"))],
@@ -338,6 +339,7 @@ def test_signs_and_order_that_are_wrong_are_warned_about(wrong):
     assert warnings
 
 
+@pytest.mark.slow
 def test_held_out_takes_one_record_or_several():
     other, options = measured(period=2.5), {"method": "equation_error", "progress": False}
     results = [

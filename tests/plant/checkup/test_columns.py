@@ -67,7 +67,7 @@ def test_an_error_of_the_other_sign_is_named(record):
     assert "column 'e1' (error_pulses)" in remedy
 
 
-@pytest.fixture(scope="module", params=["P", "PID"])
+@pytest.fixture(scope="module", params=["P", pytest.param("PID", marks=pytest.mark.slow)])
 def table(request):
     """The motion of a heavily geared arm under a law, as a file has it, and the law."""
     p = puma560.p_law()
@@ -141,7 +141,7 @@ def test_a_gear_that_was_stated_with_the_wrong_sign_is_turned(table):
 
 
 @pytest.mark.filterwarnings("ignore:.*not in whole pulses")
-@pytest.mark.parametrize("ratio", [110 / 120, 1.15])
+@pytest.mark.parametrize("ratio", [110 / 120, pytest.param(1.15, marks=pytest.mark.slow)])
 def test_a_gear_that_is_not_the_logged_positions_own_is_told_by_their_step(table, ratio):
     rig = dataclasses.replace(
         RIG, drive=dataclasses.replace(RIG.drive, gear=RIG.drive.gear * (1, ratio))
@@ -157,7 +157,10 @@ def test_a_gear_that_is_not_the_logged_positions_own_is_told_by_their_step(table
 
 
 @pytest.mark.filterwarnings("ignore:.*not in whole pulses")
-@pytest.mark.parametrize("made", ["filtered", "decimals", "degrees"])
+@pytest.mark.parametrize(
+    "made",
+    ["filtered", *(pytest.param(made, marks=pytest.mark.slow) for made in ("decimals", "degrees"))],
+)
 def test_positions_that_were_filtered_or_rounded_accuse_no_gear(table, made):
     p, unit = table[0]["p"], np.pi / 180
     some = {

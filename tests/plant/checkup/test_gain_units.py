@@ -11,12 +11,20 @@ from plant import Cascade, puma560, simulate
 # Seed 0: a joint under a sampled PD; 1: two under a cascade; 3: a slide under fast P.
 WRONG = [
     (0, {"gain": 1e3}, False, "N m and mN m"),
-    (0, {"derivative": 1e3}, False, "seconds and milliseconds"),
+    pytest.param(0, {"derivative": 1e3}, False, "seconds and milliseconds", marks=pytest.mark.slow),
     (0, {"derivative": 1e-3}, True, "seconds and milliseconds"),
-    (0, {"gain": 0.01, "derivative": 0.01}, True, "1 and per cent"),
+    pytest.param(
+        0, {"gain": 0.01, "derivative": 0.01}, True, "1 and per cent", marks=pytest.mark.slow
+    ),
     (1, {"position": 1 / 60}, False, "seconds and minutes"),
-    (1, {"integral": 1e3}, True, "seconds and milliseconds"),
-    (1, {"speed": np.pi / 180, "integral": np.pi / 180}, False, "radians and degrees"),
+    pytest.param(1, {"integral": 1e3}, True, "seconds and milliseconds", marks=pytest.mark.slow),
+    pytest.param(
+        1,
+        {"speed": np.pi / 180, "integral": np.pi / 180},
+        False,
+        "radians and degrees",
+        marks=pytest.mark.slow,
+    ),
     (3, {"gain": 180 / np.pi}, False, "radians and degrees"),
     (3, {"gain": 1e-3}, True, "N m and mN m"),
 ]
@@ -39,6 +47,7 @@ def test_a_gain_in_another_unit_is_named(seed, factors, torque, units):
         np.testing.assert_allclose(corrected, getattr(record.law, gain), rtol=1e-6)
 
 
+@pytest.mark.slow
 def test_one_joint_of_two_is_named():
     record = drawn(1, torque=True).record
     law = dataclasses.replace(record.law, speed=record.law.speed * (1.0, 100.0))
@@ -47,7 +56,9 @@ def test_one_joint_of_two_is_named():
 
 
 @pytest.mark.parametrize("torque", [False, True])
-@pytest.mark.parametrize("seed", [0, 1, 3, 4, 6])
+@pytest.mark.parametrize(
+    "seed", [0, 3, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (1, 4, 6))]
+)
 def test_right_gains_are_not_accused(seed, torque):
     assert not drawn(seed, torque=torque).record.check().causes
 

@@ -76,7 +76,7 @@ def told(record):
     return np.round(late_counts(record), 1).tolist()
 
 
-SLOW = ("fast PID", "fast cascade", "computed torque")
+SLOW = ("PD", "fast PID", "cascade", "fast cascade", "computed torque")
 
 
 @pytest.mark.parametrize(
@@ -90,7 +90,16 @@ def test_the_law_tells_which_counts_are_late(name):
     assert told(late(record, 0, 1)) == [0, 1]
 
 
-@pytest.mark.parametrize("name", ["PID", "cascade", "computed torque PID"])
+@pytest.mark.parametrize(
+    "name",
+    [
+        "PID",
+        *(
+            pytest.param(name, marks=pytest.mark.slow)
+            for name in ("cascade", "computed torque PID")
+        ),
+    ],
+)
 def test_counts_in_time_are_given_back(name):
     checkup = late(log(name), 0, 1).check()
     (cause,) = checkup.causes
@@ -100,13 +109,17 @@ def test_counts_in_time_are_given_back(name):
     assert checkup.corrected.check().ok
 
 
-@pytest.mark.parametrize("rounding", ["floor", "fix", "round"])
+@pytest.mark.parametrize(
+    "rounding",
+    ["floor", *(pytest.param(name, marks=pytest.mark.slow) for name in ("fix", "round"))],
+)
 def test_any_counter_and_drive_will_do(rounding):
     rig = dataclasses.replace(RIG, encoder=dataclasses.replace(RIG.encoder, rounding=rounding))
     assert told(log("PID", rig)) == [0, 0]
     assert told(late(log("PID", rig), 1, 1)) == [1, 1]
 
 
+@pytest.mark.slow
 def test_saturated_currents_and_elastic_gears_that_are_not_stated_do_not_matter():
     small = drive(current_limit=0.7 * np.abs(RIG.drive.current(log("PID").torque)).max(axis=0))
     gears = drive(elasticity=Elasticity(stiffness=(2e4, 8e3), damping=(20, 8)))
@@ -120,6 +133,7 @@ def test_saturated_currents_and_elastic_gears_that_are_not_stated_do_not_matter(
     ).mean() > 0.05
 
 
+@pytest.mark.slow
 def test_torques_in_other_units_or_of_commands_and_a_state_that_is_known_will_do():
     record = late(log("PID"), 1, 1)
     assert told(dataclasses.replace(record, torque=1.3 * record.torque + 2)) == [1, 1]

@@ -87,7 +87,9 @@ def noisy():
     )
 
 
-@pytest.mark.parametrize("cause", ["", "late counts", "late torques"])
+@pytest.mark.parametrize(
+    "cause", ["", pytest.param("late counts", marks=pytest.mark.slow), "late torques"]
+)
 def test_delays_are_seen_behind_the_noise_of_a_current(noisy, cause):
     inner = slice(1, -1)
     counts = noisy.counts[:-2] if cause == "late counts" else noisy.counts[inner]

@@ -34,7 +34,7 @@ def test_gains_in_amperes_are_named_by_the_logged_torque(record):
     assert causes(dataclasses.replace(record, law=P(gain=law.gain * 10)))[0] == "gain"
 
 
-@pytest.mark.parametrize("factor", [2.0, 1 / 3])
+@pytest.mark.parametrize("factor", [2.0, pytest.param(1 / 3, marks=pytest.mark.slow)])
 def test_gains_of_a_law_with_memory_are_named_by_steps_of_the_logged_torque(factor):
     """Whatever an integral holds, the step of a torque is that of the error times the gain."""
     gain = 0.5 * puma560.p_law().gain

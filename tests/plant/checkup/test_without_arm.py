@@ -166,6 +166,7 @@ def test_inverse_dynamics_in_place_of_a_measured_torque_is_named(record):
     assert cause.name == "torque of a model"
 
 
+@pytest.mark.slow
 def test_a_law_that_lacks_the_rate_of_its_error_is_named():
     gain = np.array((0.13, 0.09))
     law = PD(gain=gain, derivative=0.008 * gain, filter=800.0, period=RIG.period)
@@ -304,7 +305,7 @@ def test_hypotheses_that_fail_or_change_nothing_are_named_and_the_others_go_on(r
     ]
 
 
-@pytest.mark.parametrize("rate", [0.0, 0.004])
+@pytest.mark.parametrize("rate", [0.0, pytest.param(0.004, marks=pytest.mark.slow)])
 def test_a_pid_that_is_stated_without_its_derivative_lacks_the_rate(rate):
     gain = np.array((0.1, 0.08))
     law = PID(

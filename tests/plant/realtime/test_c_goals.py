@@ -128,7 +128,9 @@ def frame_loop():
 
 
 @needs_c
-@pytest.mark.parametrize("stop", ["hold", "gravity", "zero"])
+@pytest.mark.parametrize(
+    "stop", ["hold", *(pytest.param(stop, marks=pytest.mark.slow) for stop in ("gravity", "zero"))]
+)
 @pytest.mark.parametrize(
     ("loop", "rows"), [(servo_loop(), 1), (frame_loop(), 5)], ids=["goal", "frame"]
 )

@@ -86,7 +86,9 @@ def in_chain(controller, path, samples, **options):
 
 
 @needs_cxx
-@pytest.mark.parametrize("which", ["far and fast", "there and back", "ten pulses"])
+@pytest.mark.parametrize(
+    "which", [pytest.param("far and fast", marks=pytest.mark.slow), "there and back", "ten pulses"]
+)
 def test_in_a_chain_it_gives_the_torques_of_step_and_allocates_nothing(controller, which):
     path = next(each for name, each in motions().items() if which in name)
     begin = angle(RIG.counts(path([0.0]).q[0]))
@@ -314,7 +316,11 @@ FRAMES = dataclasses.replace(FRAMES, inner=MitDrive.for_arm(servos.arm(), FRAMES
 @needs_cxx
 @pytest.mark.parametrize(
     ("loop", "rows", "unit"),
-    [(SERVOS, 1, "rad"), (SERVOS, 1, "counts"), (FRAMES, 5, "counts")],
+    [
+        (SERVOS, 1, "rad"),
+        pytest.param(SERVOS, 1, "counts", marks=pytest.mark.slow),
+        pytest.param(FRAMES, 5, "counts", marks=pytest.mark.slow),
+    ],
 )
 def test_goals_and_frames_are_those_of_the_running_controller(tmp_path, loop, rows, unit):
     """Along a path; then the positions stand still, the guards stop the law, and the servo holds."""

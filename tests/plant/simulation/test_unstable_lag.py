@@ -45,6 +45,7 @@ def test_the_warning_begins_where_hurwitz_puts_it():
     assert "\n" not in str(warned[0].message)
 
 
+@pytest.mark.slow
 def test_what_was_logged_of_such_a_loop_says_so():
     arm, rig = puma560.literature_arm(1.5), puma560.rig()
 
