@@ -16,7 +16,7 @@ from identification.equation_error.filters import BAND_MOST
 from identification.equation_error.pulse_fit import BANDS, ENOUGH, filtering_of
 from identification.equation_error.regressor import linear, regressor_and_torque
 from identification.equation_error.torque_fit import weighted
-from identification.equation_error.torque_logs import law_torque
+from identification.equation_error.torque_logs import is_faster, law_torque
 from plant import Dynamics, LoggedCurrent, LoggedTorque, Record, Resumed
 from plant.laws.resumed import AlongLog
 from plant.machine.inner_loop import InnerLoop
@@ -139,10 +139,11 @@ def along_log(record: Record, *, unknown_law: bool = False) -> Record:
         )
     # A logged torque holds the effect of any state: with it the state need not be known.
     sampled = law.period is not None and not unknown_law
+    held = not is_faster(record)
     if sampled and record.torque is not None:
-        return replace(record, law=LoggedTorque(held=True))
+        return replace(record, law=LoggedTorque(held=held))
     if sampled and record.current is not None:
-        return replace(record, law=LoggedCurrent(held=True))
+        return replace(record, law=LoggedCurrent(held=held))
     resumed = law
     if not isinstance(resumed, Resumed):
         resumed = Resumed(law=law, state=law.initial_state(record.n))

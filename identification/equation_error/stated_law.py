@@ -12,6 +12,7 @@ from identification.equation_error.law_memory import (
     state_directions,
 )
 from identification.equation_error.torque_logs import (
+    is_faster,
     law_torque,
     logged_torque,
     measured_torque,
@@ -63,7 +64,8 @@ def torque_apart(record: Record) -> Floats | None:
     """Relative RMS distance (n,) of the logged torque from that of the stated law, less noise.
 
     None where nothing can be compared: nothing logged, counts that were moved, no law or one that
-    repeats the log, fast hardware with a memory, or a reference whose rounding hides the torque.
+    repeats the log, one with a memory that is faster than its log, or a reference whose rounding
+    hides the torque.
     """
     compared = _compared(record)
     if compared is None:
@@ -93,7 +95,7 @@ def noise_of_torque(record: Record) -> Floats:
 
 def _is_held(record):
     """Whether the stated law holds its torque for a sample."""
-    return record.law is not None and record.law.period is not None
+    return record.law is not None and not is_faster(record)
 
 
 def _compared(record):
@@ -105,7 +107,7 @@ def _compared(record):
     if law is None or not _comparable(record):
         return None
     logged = logged_torque(record)
-    if not law.has_memory(record.n) or (isinstance(law, Resumed) and law.period is not None):
+    if not law.has_memory(record.n) or (isinstance(law, Resumed) and not is_faster(record)):
         torque = torque_of(record)
     else:
         nearest = _nearest(record, logged)
@@ -133,7 +135,7 @@ def told_by_torque(record: Record) -> tuple[Record, Memory] | None:
     if law is None or isinstance(law, Resumed) or not _comparable(record):
         return None
     # Only what a law remembers is open; without a memory the counts give its torque.
-    if law.period is None or not law.has_memory(record.n):
+    if is_faster(record) or not law.has_memory(record.n):
         return None
     logged = logged_torque(record)
     nearest = _nearest(record, logged)
@@ -276,11 +278,10 @@ def _nearest(record, logged):
     """The record with its law reading the log, from the state nearest to the logged torque (N, n).
 
     And usual magnitudes (s,) of that state. None where its reference does not determine its
-    torque, and of fast hardware.
+    torque, and of a law that is faster than its log.
     """
-    law = record.law
-    # Fast hardware reads the arm between samples, where the log has nothing.
-    if law.period is None:
+    # A faster law reads the arm between samples, where the log has nothing.
+    if is_faster(record):
         return None
     beginning = _beginning(record)
     try:

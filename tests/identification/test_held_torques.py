@@ -9,7 +9,17 @@ from packaged_arms import elbow_of_a_ur5e
 from ctc import ComputedTorque
 from identification import identify
 from identification.replay.prediction import Prediction
-from plant import Dynamics, Harmonics, LoggedCurrent, LoggedTorque, P, Record, puma560, simulate
+from plant import (
+    Cascade,
+    Dynamics,
+    Harmonics,
+    LoggedCurrent,
+    LoggedTorque,
+    P,
+    Record,
+    puma560,
+    simulate,
+)
 
 
 def repeated(law, made_by):
@@ -74,3 +84,21 @@ def test_what_a_faster_loop_does_between_its_rows_is_no_finding():
     assert found.records[0].law.held is False
     assert found.fit.rms_innovation > 0.5
     assert found.doubts == []
+
+
+def test_a_law_that_is_faster_than_its_log_is_not_judged_by_counts_between_rows():
+    """Run along the rows it gave another torque: gears, friction and the law were in doubt."""
+    rig = puma560.rig()
+    law = Cascade(
+        position=(60.0, 60.0),
+        speed=(1e-3, 8e-4),
+        integral=(0.05, 0.04),
+        difference=8,
+        period=rig.period / 4,
+    )
+    log = simulate(puma560.arm(), rig, law, puma560.reference(), duration=3.65)
+    log = dataclasses.replace(log, true_q=None, true_qd=None)
+    found = identify(puma560.dynamics(), log, progress=False)
+    assert found.diagnostics.law_apart == (None,)
+    assert found.doubts == []
+    assert (np.abs(found.f - puma560.arm().f) < 5 * found.fit.std[:9]).all()
