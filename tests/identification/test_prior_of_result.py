@@ -259,6 +259,7 @@ def test_where_no_arm_follows_from_the_log_alone_the_model_s_bodies_help(amplitu
     assert found.warnings == []
 
 
+@pytest.mark.slow
 def test_what_moves_in_step_is_named_by_check_and_identify_and_fitted_from_the_log():
     follows = np.array([[0.8, 0, 0], [0, 0.6, 0.6], [0, 0, 0]])
     record = logged(follows)

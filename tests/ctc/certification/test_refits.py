@@ -60,6 +60,7 @@ def test_plants_have_the_f_of_their_resonance_and_laws_that_of_the_middle(found,
     assert moved[most] / (ends[1] - ends[0])[most] == pytest.approx(0.8, abs=0.25)
 
 
+@pytest.mark.slow
 def test_what_follows_from_the_resonance_is_no_sensitivity_to_f(found, again):
     stated = {
         "resonance": (0.9 * HZ, 1.1 * HZ),

@@ -336,6 +336,7 @@ def test_a_path_that_begins_in_motion_is_no(folder, identified, capsys, monkeypa
     assert told["beyond_log"][0].startswith("joint 2 (q[0]) 0.00 to 0.30 rad (log: -1.45 to 0.00)")
 
 
+@pytest.mark.slow
 def test_a_law_is_tuned_and_handed_on(folder, identified, capsys, monkeypatch):
     monkeypatch.chdir(folder)
     path = np.loadtxt("path.csv", delimiter=",")

@@ -50,6 +50,7 @@ def run(capsys, *arguments):
     return code, said.out, said.err
 
 
+@pytest.mark.slow
 def test_a_plan_fills_a_fleet_and_writes_its_page(place, capsys):
     (place / "fleet.toml").write_text("""folder = "weeks"
 do = ["identify"]

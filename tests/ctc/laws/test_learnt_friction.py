@@ -94,6 +94,7 @@ def test_gravity_that_is_off_is_not_taken_for_friction():
     np.testing.assert_allclose(coulomb, np.broadcast_to(STATED[0], coulomb.shape), rtol=0.08)
 
 
+@pytest.mark.slow
 def test_what_was_learnt_is_begun_with_and_bounded():
     running = started(law(0.8), BACK)
     worked(running, BACK, 6.0)

@@ -78,7 +78,9 @@ def test_an_identification_in_doubt_is_not_believed():
     ).within(3)
 
 
-@pytest.mark.parametrize(("hz", "bandwidth"), [(15, 74), (40, 145)])
+@pytest.mark.parametrize(
+    ("hz", "bandwidth"), [pytest.param(15, 74, marks=pytest.mark.slow), (40, 145)]
+)
 def test_on_gears_that_it_predicts_it_is_stable_with_something_to_spare(hz, bandwidth):
     law = ComputedTorque(found(), on_gears(hz))
     assert law.bandwidth == pytest.approx(bandwidth, abs=3)

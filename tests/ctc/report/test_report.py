@@ -313,6 +313,7 @@ def words(place):
     )
 
 
+@pytest.mark.slow
 def test_path_logs_and_conditions_are_named(found, tmp_path):
     """Of a path that begins in motion and leaves the log, and of records that came with files'
     names.

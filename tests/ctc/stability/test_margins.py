@@ -149,6 +149,7 @@ def test_a_model_much_too_heavy_is_said_to_be_unstable():
     assert str(margins(ARM, RIG, law)).startswith("The closed loop is not stable.")
 
 
+@pytest.mark.slow
 def test_the_arm_may_be_an_identification_or_that_of_the_law():
     record = simulate(ARM, RIG, puma560.p_law(), puma560.reference(), duration=0.5)
     known, law = identify(ARM.dynamics, record, seed=1, progress=False), ComputedTorque(ARM, RIG)

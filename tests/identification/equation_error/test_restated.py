@@ -256,6 +256,7 @@ def test_positions_in_another_unit_are_named(factor):
     assert cause.size == pytest.approx(factor)
 
 
+@pytest.mark.slow
 def test_no_unit_leaves_a_motion_of_a_degree():
     """A motion along one line is the more linear, the smaller it is stated."""
     case = drawn(20)

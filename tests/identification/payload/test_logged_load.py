@@ -112,6 +112,7 @@ def test_friction_that_was_assumed_is_warned_of_and_biases():
     assert any("within 10%" in text for text in stated.warnings)
 
 
+@pytest.mark.slow
 def test_friction_stated_widely_is_free_and_tightly_exact():
     free = worn_load()
     wide, tight, exact = (

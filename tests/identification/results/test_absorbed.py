@@ -39,6 +39,7 @@ def slide(delay):
     return without_delay(record, -delay)
 
 
+@pytest.mark.slow
 def test_a_delay_that_viscous_friction_can_produce_is_not_corrected():
     unknown = ("drive.viscous[0]", "drive.coulomb[0]", *DYNAMICS.names)
     found = identify(

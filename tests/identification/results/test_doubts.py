@@ -61,6 +61,7 @@ def test_what_is_significant_and_not_named_asks_for_what_was_stated():
     assert "significant, but explaining next to nothing: gear (are lengths and rig right?)" in said
 
 
+@pytest.mark.slow
 def test_a_result_in_doubt_says_so_in_its_repr():
     assert f"{len(wrong().warnings)} warning" in repr(wrong())
     fallen = dataclasses.replace(

@@ -78,6 +78,7 @@ def test_gears_that_the_rig_states_are_no_part_of_the_error():
         _ = rigid.elasticity
 
 
+@pytest.mark.slow
 def test_the_spread_of_a_data_sheet_is_in_the_interval():
     """A common scale of f is one of stiffness: of 5 %, half of the interval is 1.96 times that."""
     records = [Deflections.of(record, 4.0) for record in logs()]

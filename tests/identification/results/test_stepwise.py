@@ -152,6 +152,7 @@ def test_what_would_be_seen_is_stated(rigid):
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("gain", [LOW, pytest.param(HIGH, marks=pytest.mark.slow)])
 def test_gears_of_60_hz_are_seen_in_one_log(gain):
     found = quick(log(gain, elasticity=gears(60)))
@@ -202,6 +203,7 @@ def test_an_offset_that_intervals_count_anyway_is_no_contradiction():
     )
 
 
+@pytest.mark.slow
 def test_a_load_in_one_of_two_logs_is_named_with_its_record():
     """Other gears would explain a little of it, and are none."""
     path = Harmonics(
@@ -376,7 +378,7 @@ def test_weak_cogging_of_a_quick_motor_has_its_cycles():
     )
 
 
-@pytest.mark.parametrize("law", [None, PID_LAW])
+@pytest.mark.parametrize("law", [None, pytest.param(PID_LAW, marks=pytest.mark.slow)])
 def test_friction_that_rises_towards_standstill_is_no_lag(law):
     rise = np.array((0.8, 0.5))
     usual = np.abs(RIG.drive.gear) * np.sqrt(np.mean(PATH(np.linspace(0, 3, 500)).qd ** 2, axis=0))

@@ -46,6 +46,7 @@ def test_counts_that_fast_hardware_felt_are_no_lag_of_its_torques(seed):
     assert estimate.diagnostics.detection.names == ()
 
 
+@pytest.mark.slow
 def test_a_log_cut_out_of_a_motion_is_repeated_from_where_it_began():
     """A soft loop swings on for a second from a speed that is not the reference's.
 
@@ -125,6 +126,7 @@ def test_runs_of_the_model_begin_as_uncertain_as_the_start_of_a_log_is():
     assert estimate.doubts == []
 
 
+@pytest.mark.slow
 def test_a_log_without_a_path_begins_as_fast_as_its_counts_roughly_show():
     """A speed by the first counts was 2 of 45 pulses per sample off, and 3 pulses for a second."""
     case = drawn(34)

@@ -155,6 +155,7 @@ def test_a_second_sensor_shows_stiffness_directly():
     assert (resonance.high < 1.2 * resonance.low).all()
 
 
+@pytest.mark.slow
 def test_a_second_sensor_on_one_link_narrows_the_interval_of_its_gear():
     rig = on(Elasticity(stiffness=(1e5, 1e5), damping=(10, 10)), ("both", "motor"))
     record = dataclasses.replace(log((100, 80), ("both", "motor")), rig=rig)

@@ -386,6 +386,7 @@ def test_log_of_another_rig_is_warned_about():
     assert "warning: " in result.summary()
 
 
+@pytest.mark.slow
 def test_coarse_encoder_is_enough_for_one_of_its_pulses():
     """100 pulses per motor turn, an eighth of the paper's: identified from them, and tracked to
     one of them.
@@ -442,6 +443,7 @@ def test_a_fit_whose_observer_lets_go_of_the_log_is_made_again_by_stages(monkeyp
     assert (np.abs(values.values - puma560.arm().f) < 4 * values.std).all()
 
 
+@pytest.mark.slow
 def test_a_fit_in_which_a_light_joint_has_less_than_its_rotor_is_made_again_with_the_stated_one(
     monkeypatch,
 ):

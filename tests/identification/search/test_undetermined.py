@@ -133,6 +133,7 @@ def test_a_logged_torque_determines_the_weight_of_a_log_from_the_middle():
     assert estimate.fit.undetermined == ()
 
 
+@pytest.mark.slow
 def test_the_middle_of_a_log_under_a_pid_determines_an_arm():
     """Weights and integrals act alike for a second only: the arm moves through other poses."""
     arm = puma560.literature_arm(1.5)

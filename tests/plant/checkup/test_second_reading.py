@@ -205,7 +205,7 @@ def test_a_torque_that_is_turned_back_is_the_logs_own():
     assert checkup.record.check().ok
 
 
-@pytest.mark.parametrize("angles", [False, True])
+@pytest.mark.parametrize("angles", [False, pytest.param(True, marks=pytest.mark.slow)])
 def test_exchanged_counts_are_exchanged_and_no_sign_is_changed(angles):
     """As counts, or as angles that the reader has converted by each other's gear."""
     own = log().rig

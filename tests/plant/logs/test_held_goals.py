@@ -125,6 +125,7 @@ def test_slow_goals_give_the_friction_of_the_arm(period, every):
     assert not [text for text in found.warnings if "not separately identifiable" not in text]
 
 
+@pytest.mark.slow
 def test_a_quarter_of_a_degree_of_unstated_play_biases_little():
     below = rig(0.02, None)
     gears = Elasticity(stiffness=(500, 500), damping=(1, 1), backlash=np.deg2rad((0.25, 0.25)))

@@ -70,6 +70,7 @@ def rows(text):
     return np.loadtxt(text.splitlines(), delimiter=",")
 
 
+@pytest.mark.slow
 @needs_board
 def test_a_cortex_m7_gives_the_bits_of_the_host(tmp_path):
     """Printed with 17 digits, over all of (6), whose Python is within rounding of it."""
