@@ -76,15 +76,19 @@ def test_a_loop_of_the_second_order_has_no_late_counts(experiment, delay):
 
 
 @pytest.fixture(scope="module")
-def noisy():
-    """A log of a cascade; 20 mA of noise hide the steps of its torque from row to row."""
+def cascaded():
+    """A log of a cascade, its torque without noise."""
     arm, rig, law = machine(8 * STAND.resolution, 1e-3, filter=1200.0)
     made = simulate(arm, rig, law, STAND.path, duration=5.0)
-    noise = 0.02 * np.random.default_rng(0).normal(size=made.torque.shape)
-    current = rig.drive.current(made.torque) + noise
-    return dataclasses.replace(
-        made, torque=None, current=current, true_q=None, true_qd=None, link_counts=None
-    )
+    return dataclasses.replace(made, true_q=None, true_qd=None, link_counts=None)
+
+
+@pytest.fixture(scope="module")
+def noisy(cascaded):
+    """The same with currents; 20 mA of noise hide the steps of its torque from row to row."""
+    noise = 0.02 * np.random.default_rng(0).normal(size=cascaded.torque.shape)
+    current = cascaded.rig.drive.current(cascaded.torque) + noise
+    return dataclasses.replace(cascaded, torque=None, current=current)
 
 
 @pytest.mark.parametrize(
@@ -154,3 +158,17 @@ def test_a_law_is_run_again_only_where_its_counts_change(noisy):
     assert turned.torque_along is experiment.torque_along
     assert not np.array_equal(late.torque_along, experiment.torque_along)
     assert turned.command == pytest.approx(Experiment(turned.record).command, rel=0, abs=0)
+
+
+def test_a_trial_that_no_torque_can_save_runs_no_law(cascaded):
+    """A bound of its score is beyond the score, and is given where it is already too small."""
+    experiment = Experiment(cascaded)
+    turned = experiment.changed(turned_reference(cascaded, (0,), 1.0))
+    assert experiment.largest_score >= experiment.score
+    assert experiment.gain(turned, 5.0) == turned.largest_score - experiment.score < 5
+    assert "torque_along" not in vars(turned)
+    assert turned.largest_score >= turned.score
+
+    mistaken = Experiment(turned.record)
+    right = mistaken.changed(cascaded)
+    assert mistaken.gain(right, 5.0) == right.score - mistaken.score > 5
