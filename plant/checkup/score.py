@@ -17,7 +17,7 @@ import numpy as np
 from plant.checkup.along_log import steps_of_torque, torque_along
 from plant.checkup.signals import Signals
 from plant.laws.replayed import commanded_torque
-from plant.parts.fields import Floats
+from plant.parts.fields import Bools, Floats
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -70,7 +70,7 @@ class ScoreSettings:
         Share of the amplifier's limit that a torque may reach, and its relative standard deviation.
     limited : float
         Share of the commands beyond the amplifier's limit from which on a log without a torque
-        shows the limit.
+        shows the limit; share of a logged torque at its ends from which on it is cut off.
     slow : float
         Share of the RMS speed below which a joint may stick, so that its friction is unknown.
     swinging : float
@@ -329,7 +329,7 @@ class Experiment:
         for i in range(self.n):
             reference = self.filtered("reference", signals.reference, i)
             # Beside a goal that rests the counts move by noise alone, whatever their scale.
-            if np.mean(reference.speed**2) > self.speed_noise:
+            if np.mean(reference.speed**2) > self.speed_noise and not self.cut_off[i]:
                 counts = self.filtered("counts", signals.counts, i)
                 shares[i], likelihoods[i] = self.as_before(
                     "following",
@@ -338,6 +338,19 @@ class Experiment:
                     functools.partial(_following, reference, counts, self.speed_noise, half),
                 )
         return shares, likelihoods
+
+    @functools.cached_property
+    def cut_off(self) -> Bools:
+        """Whether a logged torque (n,) is at one of its ends for most of the log.
+
+        The counts of such a joint follow no reference, whatever their scale.
+        """
+        torque = self.signals.torque
+        if torque is None:
+            return np.zeros(self.n, dtype=bool)
+        least, largest = torque.min(axis=0), torque.max(axis=0)
+        at_end = np.mean((torque == least) | (torque == largest), axis=0)
+        return (at_end > SETTINGS.limited) & (least < largest)
 
     @property
     def tracking(self) -> Floats:
