@@ -110,7 +110,8 @@ def _compared(record):
     if not law.has_memory(record.n) or (isinstance(law, Resumed) and not is_faster(record)):
         torque = torque_of(record)
     else:
-        nearest = _nearest(record, logged)
+        # A faster law reads counts between the rows, where the log has nothing.
+        nearest = None if is_faster(record) else _nearest(record, logged)
         if nearest is None:
             return None
         torque = law_torque(nearest[0])
@@ -278,10 +279,10 @@ def _nearest(record, logged):
     """The record with its law reading the log, from the state nearest to the logged torque (N, n).
 
     And usual magnitudes (s,) of that state. None where its reference does not determine its
-    torque, and of a law that is faster than its log.
+    torque, and of fast hardware.
     """
-    # A faster law reads the arm between samples, where the log has nothing.
-    if is_faster(record):
+    # Fast hardware reads the arm between samples, where the log has nothing.
+    if record.law.period is None:
         return None
     beginning = _beginning(record)
     try:

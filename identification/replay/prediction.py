@@ -20,7 +20,7 @@ from typing import Self
 
 import numpy as np
 
-from identification.equation_error.law_memory import Memory, Resumption, closed
+from identification.equation_error.law_memory import FADED, Memory, Resumption, closed
 from identification.equation_error.least_squares import IDENTIFIABLE
 from identification.equation_error.naming import of_each, record_label
 from identification.equation_error.prior import ROUNDING, Prior, PriorRows
@@ -444,8 +444,12 @@ def _add_memory(vector, k, record, memory):
     vector.add(
         [f"record[{k}].memory[{i}]" for i in range(memory.usual.size)], step=SETTINGS.state_step
     )
-    vector.add([f"record[{k}].begin[{i}]" for i in range(n)], step=SETTINGS.begin_step)
-    vector.add([f"record[{k}].speed[{i}]" for i in range(n)], step=SETTINGS.speed_step)
+    # Friction holds a joint that rests, wherever in its count and however it came there: no reading
+    # shows either.
+    moves = np.ptp(record.counts[:FADED], axis=0) > 0
+    for name, step in (("begin", SETTINGS.begin_step), ("speed", SETTINGS.speed_step)):
+        for i in range(n):
+            vector.add([f"record[{k}].{name}[{i}]"], step=step * moves[i])
     # The arm can be off by a pulse, and by a pulse per sample.
     pulse = np.abs(np.diag(record.rig.to_angle(np.eye(n))))
     magnitudes = np.concatenate([memory.deviations, pulse, pulse / record.rig.period])

@@ -10,6 +10,7 @@ from identification.equation_error.arm_check import FittedArm
 from identification.equation_error.naming import misread
 from identification.equation_error.restated import restated, wrong_statements
 from identification.equation_error.stated_law import likelier_variant
+from identification.equation_error.torque_logs import is_faster
 from identification.replay.timing import is_late
 from identification.results.seen import APART, contradicted, motion_of
 from identification.results.with_arm import BY_NAME
@@ -320,7 +321,10 @@ def _innovations(case):
     # Those of output error are differences of a simulation, of which `_repeats` warns under a law.
     simulated = result.search.method == "output_error"
     # The noise of a repeated torque is no defect of the model; it adds to the rounding.
-    sampled = any(record.law is not None and record.law.interpolates for record in result.records)
+    sampled = any(
+        record.law is not None and (record.law.interpolates or is_faster(record))
+        for record in result.records
+    )
     factor = SETTINGS.between if sampled else SETTINGS.noise
     expected = np.hypot(SETTINGS.innovation, factor * result.fit.noise_innovation)
     if rms is not None and rms > SETTINGS.innovation and simulated and case.replayed:

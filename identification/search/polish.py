@@ -405,7 +405,10 @@ def from_inside(
         wider = gauss_newton(prediction, values, fixed, bounds, rounds=0)
     except ValueError:  # with these gains unknowns are not separately identifiable
         return solution
-    return replace(solution, covariance=wider.covariance, undetermined=wider.undetermined)
+    # What no reading determines in open loop, none determines beside corrections either.
+    fewer = len(wider.undetermined) < len(solution.undetermined)
+    undetermined = solution.undetermined if fewer else wider.undetermined
+    return replace(solution, covariance=wider.covariance, undetermined=undetermined)
 
 
 def _with_torque_noise(outcome, problem, prediction, solution):
