@@ -1,7 +1,7 @@
 """Positions and torques of logs, from records or arrays: the torque that acted at each sample."""
 
 from dataclasses import replace
-from typing import cast
+from typing import Any, cast
 
 import numpy as np
 
@@ -71,7 +71,8 @@ def logged_torque(record: Record) -> Floats:
 
 def is_faster(record: Record) -> bool:
     """Whether the law takes steps between the rows of its log, at counts that no row has."""
-    period = record.law.period
+    law: Any = record.law
+    period = law.period
     # Periods that are equal may differ by rounding.
     return period is None or period < record.rig.period * (1 - 1e-6)
 
