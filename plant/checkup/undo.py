@@ -174,6 +174,8 @@ def scaled_torque(factor: Callable[[Any], Any], name: str = "torque") -> Callabl
         if column is None or (name == "current" and record.torque is not None):
             raise ValueError(f"the record must have the column {name}. Map it.")
         factors = _factors(record, joints, factor(record.rig))
+        if not np.isfinite(factors).all():
+            raise ValueError("the drive must have a current limit; it has none. State it.")
         # The motor's torque may have the direction of the motor, or that of the joint.
         if size < 0:
             factors = factors * np.sign(record.rig.drive.gear)

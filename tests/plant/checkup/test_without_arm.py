@@ -388,3 +388,11 @@ def test_counts_that_rest_beside_their_reference_do_not_turn_the_error():
     assert "turned error of all joints" not in names
     turned = undo.turned_error(log, (0, 1), 1.0)
     np.testing.assert_array_equal(score.Experiment(turned).tracking, 1.0)
+
+
+@pytest.mark.filterwarnings("error")
+def test_a_drive_without_a_limit_has_no_share_of_it(record):
+    """Its per cent were an infinite torque, and zero times that no number."""
+    drive = dataclasses.replace(record.rig.drive, current_limit=(np.inf, np.inf))
+    endless = dataclasses.replace(record, rig=dataclasses.replace(record.rig, drive=drive))
+    assert endless.check().causes == ()
