@@ -444,9 +444,9 @@ def _add_memory(vector, k, record, memory):
     vector.add(
         [f"record[{k}].memory[{i}]" for i in range(memory.usual.size)], step=SETTINGS.state_step
     )
-    # Friction holds a joint that rests, wherever in its count and however it came there: no reading
-    # shows either.
-    moves = np.ptp(record.counts[:FADED], axis=0) > 0
+    # A joint that hardly leaves its count rests, or creeps: its counts show no position in it, and
+    # no speed, beside what friction hides.
+    moves = np.ptp(record.counts[:FADED], axis=0) > 1
     for name, step in (("begin", SETTINGS.begin_step), ("speed", SETTINGS.speed_step)):
         for i in range(n):
             vector.add([f"record[{k}].{name}[{i}]"], step=step * moves[i])
