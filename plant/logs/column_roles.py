@@ -53,6 +53,9 @@ _JOINTS = frozenset(
         "sockel",
         "hub",
         "linear",
+        "slide",
+        "lift",
+        "quill",
         "schlitten",
         "gripper",
         "j",
@@ -79,6 +82,7 @@ _COMMANDED = frozenset(
         "action",
         "goal",
         "demand",
+        "asked",
     ]
 )
 # Alone they mean positions in German logs, too: `soll_1`, `ist_1`.
@@ -101,10 +105,12 @@ _MEASURED = frozenset(
 )
 # Words behind which a single letter names a joint; behind "joint" it is a quantity.
 _BEFORE_LETTERS = _GERMAN | {word for word in _WORDS if "joint" not in word}
+# Words outside it name joints, by which columns of one group differ.
+_VOCABULARY = _WORDS.keys() | _COMMANDED | _MEASURED
 # A unit says more than a name.
 _OF_UNITS = {
     "time": ("s", "ms", "us", "ns"),
-    "position": ("rad", "deg", "turns", "gon", "mrad"),
+    "position": ("rad", "deg", "turns", "gon", "mrad", "m", "mm"),
     "counts": ("pulses",),
     "torque": ("N m", "mN m", "motor N m"),
     "current": ("A", "mA"),
@@ -180,7 +186,10 @@ class Role:
 
 
 def written_out(names: Iterable[str]) -> dict[str, str]:
-    """Name -> the name in which the letters s and i of a pair read `soll` and `ist`."""
+    """Name -> the name in words: the letters s and i of a pair read `soll` and `ist`.
+
+    A command of positions that says no quantity gets the word.
+    """
     every = set(names)
     written = {}
     for name in every:
@@ -191,7 +200,39 @@ def written_out(names: Iterable[str]) -> dict[str, str]:
             # Without its partner the letter is that of a joint.
             if {f"{front}s{end}", f"{front}i{end}"} <= every:
                 written[name] = front + {"s": "soll", "i": "ist"}[match[1]] + end
-    return written
+    return written | _of_positions(written)
+
+
+def _of_positions(called: Mapping[str, str]) -> dict[str, str]:
+    """Name -> the name with the word position, of commands that name a joint and no quantity.
+
+    Positions of the same joints show what they command: `cmd_1` beside `count_1`.
+    """
+    quantities = {}
+    joints = {}
+    commands = set()
+    for name, text in called.items():
+        words = set(_words(text))
+        quantities[name] = {_WORDS[word] for word in words if word in _WORDS}
+        tokens = re.findall(r"[^\W\d_]+|\d+", without_unit(text)[0].lower())
+        joints[name] = tuple(token for token in tokens if token not in _VOCABULARY)
+        if not _COMMANDED.isdisjoint(words):
+            commands.add(name)
+    of_positions = {name for name, held in quantities.items() if held & {"position", "counts"}}
+    # Beside commands that say position, those without a quantity are of something else.
+    if of_positions & commands:
+        return {}
+    # A column that is called by its joint alone holds a position, too.
+    measured = {
+        joints[name]
+        for name in called.keys() - commands
+        if quantities[name] <= {"position", "counts"}
+    }
+    return {
+        name: f"{without_unit(called[name])[0]}_position"
+        for name in commands
+        if not quantities[name] and joints[name] in measured
+    }
 
 
 def role_of(name: str, values: Floats, unit: str | None) -> Role:
@@ -217,13 +258,11 @@ def role_of(name: str, values: Floats, unit: str | None) -> Role:
     # Whole numbers over a wide range are counts, even where the name says position.
     if quantity == "position" and unit is None and _are_counts(values):
         quantity = "counts"
-    # Words outside the vocabulary name joints, by which columns of one group differ.
-    vocabulary = _WORDS.keys() | _COMMANDED | _MEASURED
     return Role(
         quantity=quantity,
         commanded=not _COMMANDED.isdisjoint(words),
         units=(unit,) if unit is not None else _likely_units(quantity, words, values),
-        group=(folder_of(name), *(word for word in words if word in vocabulary)),
+        group=(folder_of(name), *(word for word in words if word in _VOCABULARY)),
     )
 
 
@@ -338,6 +377,11 @@ def fields_of(roles: Mapping[str, Role], n: int | None) -> dict[str, list[str]]:
         "torque": best("torque", size=size),
         "current": best("current", size=size),
     }
-    if "motor" in (roles[measured[0]].group if measured else ()) and "position" in fields:
-        fields["motor_position"] = fields.pop("position")
-    return {field: names for field, names in fields.items() if names}
+    # Angles of motors have fields of their own, counts are the motors' in any field.
+    of_motors = {
+        field: field.replace("position", "motor_position")
+        for field in ("position", "reference_position")
+        for name in fields.get(field, ())[:1]
+        if roles[name].quantity == "position" and "motor" in roles[name].group
+    }
+    return {of_motors.get(field, field): names for field, names in fields.items() if names}

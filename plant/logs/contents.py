@@ -73,7 +73,7 @@ class LogContents:
     ranges: Mapping[str, tuple[float, float]]
     text: tuple[str, ...]
     columns: Mapping[str, Any]
-    units: Mapping[str, str]
+    units: Mapping[str, Any]
     rate: str
 
     def __str__(self) -> str:
@@ -148,14 +148,16 @@ def contents_of(
     fields, roles = _likely(columns, table.units, n)
     times = columns[fields["t"][0]] if "t" in fields else None
     mapping: dict[str, Any] = {}
-    stated: dict[str, str] = {}
+    stated: dict[str, Any] = {}
     if {"counts", "position", "motor_position"} & fields.keys():
         mapping = {f: names[0] if f == "t" else names for f, names in fields.items()}
         for field, names in fields.items():
             # A likely unit that needs a constant cannot be stated yet, so the usual one is.
-            unit = next(iter(roles[names[0]].units), "")
+            likely = [next(iter(roles[name].units), "") for name in names]
+            units = [unit if unit in UNITS[field] else UNITS[field][0] for unit in likely]
+            # Some joints may slide.
             if len(UNITS[field]) > 1:
-                stated[field] = unit if unit in UNITS[field] else UNITS[field][0]
+                stated[field] = units[0] if len(set(units)) == 1 else units
     return LogContents(
         path=str(path),
         samples=len(next(iter(columns.values())) if times is None else times),

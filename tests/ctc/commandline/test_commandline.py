@@ -8,6 +8,7 @@ import os
 import re
 import subprocess
 import sys
+import tomllib
 import types
 import warnings
 from pathlib import Path
@@ -644,6 +645,27 @@ def test_robots_of_the_package_are_written_with_their_models(tmp_path, capsys):
     assert code == 0
     assert out.startswith((FOLDER / "ur5e.toml").read_text())
     assert "# [columns]" in out
+
+
+def test_the_columns_of_a_robot_file_are_those_that_a_log_of_them_is_proposed(tmp_path, capsys):
+    _, out, _ = run(capsys, "robots", "new", "--dh", "2")
+    # The two tables at the end of every robot file, as a user sets them into force.
+    text = out[out.index("# [columns]") :].replace("# [", "[").replace("\n# ", "\n")
+    tables = tomllib.loads(text)
+    columns = tables["columns"]
+    names = [
+        name
+        for value in columns.values()
+        for name in (value if isinstance(value, list) else [value])
+    ]
+    t = 1e-3 * np.arange(400)
+    q = np.column_stack([np.sin(9 * t), np.cos(8 * t)])
+    log = np.column_stack([t, np.round(9000 * q), q, q])
+    np.savetxt(tmp_path / "log.csv", log, header=",".join(names), delimiter=",", comments="")
+    _, out, _ = run(capsys, "check", tmp_path / "log.csv")
+    proposed = tomllib.loads(out[out.index("[columns]") : out.index("Nothing was checked")])
+    assert proposed["columns"] == columns
+    assert proposed["units"].keys() == tables["units"].keys()
 
 
 UNFINISHED = {

@@ -152,3 +152,50 @@ def test_german_columns_are_told(tmp_path, measured, commanded, joints):
     assert contents.columns["position"] == names[:3]
     assert contents.columns["reference_position"] == names[3:]
     assert len(contents.columns["current"]) == 3
+
+
+@pytest.mark.parametrize(
+    ("measured", "commanded", "beside", "joints"),
+    [
+        ("count_{}", "asked_{}", "torque_{}", "12"),
+        ("enc{}", "cmd{}", "target_reached{}", "12"),
+        ("{}_counts", "{}_ref", "{}_cmd_current", ("upper", "rear")),
+        ("{}", "{}_target", "torque_{}", ("shoulder", "quill")),
+    ],
+)
+def test_commands_without_a_quantity_are_of_the_positions_of_their_joints(
+    tmp_path, measured, commanded, beside, joints
+):
+    names = [form.format(joint) for form in (measured, commanded, beside) for joint in joints]
+    counts = COUNTS[:, :2] if measured != "{}" else Q[:, :2]
+    rows = np.column_stack([T, counts, Q[:, :2], np.sign(Q[:, :2])])
+    np.savetxt(tmp_path / "a.csv", rows, header=",".join(["t", *names]), delimiter=",", comments="")
+    contents = Record.read(tmp_path / "a.csv")
+    assert contents.columns["reference_position"] == names[2:4]
+    assert contents.units["reference_position"] == "rad"
+
+
+def test_a_command_beside_commanded_positions_is_of_something_else(tmp_path):
+    names = ["t", "q1", "q2", "q_ref1", "q_ref2", "command1", "command2"]
+    rows = np.column_stack([T, Q[:, :2], Q[:, :2], np.cos(Q[:, :2])])
+    np.savetxt(tmp_path / "a.csv", rows, header=",".join(names), delimiter=",", comments="")
+    assert Record.read(tmp_path / "a.csv").columns["reference_position"] == names[3:5]
+
+
+def test_angles_and_metres_of_one_log_are_proposed_joint_by_joint(tmp_path):
+    names = ["position_1 [rad]", "position_2 [mm]", "commanded_1 [rad]", "commanded_2 [m]"]
+    rows = np.column_stack([T, Q[:, 0], 1e3 * Q[:, 1], Q[:, :2]])
+    np.savetxt(tmp_path / "a.csv", rows, header=",".join(["t", *names]), delimiter=",", comments="")
+    contents = Record.read(tmp_path / "a.csv")
+    assert contents.units["position"] == ["rad", "mm"]
+    assert contents.columns["reference_position"] == names[2:]
+    assert contents.units["reference_position"] == ["rad", "m"]
+
+
+def test_commanded_angles_of_motors_are_proposed_as_such(tmp_path):
+    names = ["motor_pos_1", "motor_pos_2", "motor_pos_cmd_1", "motor_pos_cmd_2"]
+    rows = np.column_stack([T, Q[:, :2], Q[:, :2]])
+    np.savetxt(tmp_path / "a.csv", rows, header=",".join(["t", *names]), delimiter=",", comments="")
+    contents = Record.read(tmp_path / "a.csv")
+    assert contents.columns["motor_position"] == names[:2]
+    assert contents.columns["reference_motor_position"] == names[2:]
