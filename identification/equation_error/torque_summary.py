@@ -9,7 +9,7 @@ from identification.equation_error.band_choice import FitTrial
 from identification.equation_error.between_runs import ONE_LOG
 from identification.equation_error.bounds import brakes
 from identification.equation_error.least_squares import NORMAL
-from identification.equation_error.naming import short_names
+from identification.equation_error.naming import short_names, units
 from plant.parts import Aside, Bools, Piece, Table, Verdict, Warned, frozen_settings
 from plant.parts.shown import inside
 from plant.parts.tables import listed
@@ -58,13 +58,19 @@ def summary_of(fit: Any) -> Iterator[Piece]:
     names = short_names(fit.dynamics, fit.names)
     # Friction brakes: an interval that holds zero leaves it open whether there is any.
     remarks = np.where(_zero(fit), ", zero within it", "").tolist()
+    columns = zip(names, fit.values, units(fit.dynamics, fit.names), fit.std, remarks, strict=True)
     rows = [
-        (name, f"{value:.5g}", f"+- {std:.2g}{remark}")
-        for name, value, std, remark in zip(names, fit.values, fit.std, remarks, strict=True)
+        (name, f"{value:.5g}", unit, f"+- {std:.2g}{remark}")
+        for name, value, unit, std, remark in columns
     ]
     # Known numbers stand in the same table: beside the fitted ones they make up f.
-    rows += [(name, f"{value:.5g}", "known") for name, value in _short_known(fit)]
-    yield Table((), rows, words=(2,))
+    rows += [
+        (name, f"{value:.5g}", unit, "known")
+        for (name, value), unit in zip(
+            _short_known(fit), units(fit.dynamics, fit.known), strict=True
+        )
+    ]
+    yield Table((), rows, words=(2, 3))
     yield from (f"left out: {joint}, {why}" for joint, why in fit.left_out.items())
     yield from _choices(fit)
     # It has no number of its own among the values: it changes their law.

@@ -10,6 +10,7 @@ import numpy as np
 from identification.equation_error.between_runs import ONE_LOG
 from identification.equation_error.law_memory import along_log
 from identification.equation_error.least_squares import NORMAL
+from identification.equation_error.naming import units as units_of
 from identification.equation_error.torque_fit import TorqueFit
 from identification.results.seen import counted, drifting, of_prior, origins
 from identification.results.trust import SETTINGS as WARNING_SETTINGS
@@ -119,6 +120,7 @@ def summary_of(result: Any, full: bool) -> Iterator[Piece]:
         yield _values(result)
     else:
         yield from _abreast(result)
+        yield _in_units(result)
         yield _links_of(result.arm.dynamics)
     yield from origins(result, full)
     pairs = pairs_of(result)
@@ -201,6 +203,17 @@ def _abreast(result: Any) -> Iterator[Table]:
             if max(map(len, table.lines(10 * WIDTH)), default=0) <= WIDTH
         ]
         yield (fitting or tables[-1:])[0]
+
+
+def _in_units(result: Any) -> str:
+    """The names of the values, by their units; those of all joints once."""
+    names_in = dict[str, list[str]]()
+    units = units_of(result.arm.dynamics, result.fit.unknown)
+    for short, unit in zip(result.short_names, units, strict=True):
+        names_in.setdefault(unit, []).append(short.partition("[")[0])
+    return "; ".join(
+        f"in {unit}: {', '.join(dict.fromkeys(names))}" for unit, names in names_in.items() if unit
+    )
 
 
 def _without_std(fit: Any, name: str) -> str:
@@ -296,12 +309,14 @@ def _torque_of_law(record: Any) -> bool:
 
 
 def _values(result: Any) -> Table:
-    """Every value with its standard deviation, bound, interval and largest correlation."""
+    """Every value with its unit, standard deviation, bound, interval and largest correlation."""
     names = result.short_names
     fit = result.fit
     values = [f"{value:.5g}" for value in fit.values]
+    units = units_of(result.arm.dynamics, fit.unknown)
     if result.covariance is None:
-        return Table(("", "value"), list(zip(names, values, strict=True)))
+        rows_of_values = list(zip(names, values, units, strict=True))
+        return Table(("", "value", "unit"), rows_of_values, words=(2,))
     bounds = np.full(len(values), np.nan)
     # The bound is that of one log alone, so it does not apply with a prior or from a later start.
     if not fit.resumptions and fit.prior is None:
@@ -314,13 +329,15 @@ def _values(result: Any) -> Table:
     rows = list[tuple[str, ...]]()
     for i, (value, std) in enumerate(zip(fit.values, fit.std, strict=True)):
         if not std > 0:
-            rows.append((names[i], values[i], _without_std(fit, fit.unknown[i]), "", "", ""))
+            without_std = _without_std(fit, fit.unknown[i])
+            rows.append((names[i], values[i], units[i], without_std, "", "", ""))
             continue
         partner = int(np.argmax(np.abs(correlation[i])))
         rows.append(
             (
                 names[i],
                 values[i],
+                units[i],
                 f"{std:.2g}{' prior' * (names[i] in prior)}",
                 f"{bounds[i]:.2g}",
                 f"[{value - NORMAL * std:.5g}, {value + NORMAL * std:.5g}]",
@@ -330,12 +347,13 @@ def _values(result: Any) -> Table:
     head: tuple[str, ...] = (
         "",
         "value",
+        "unit",
         "std",
         "Cramér-Rao bound",
         "95 % interval",
         "largest correlation",
     )
     if not np.isfinite(bounds).all():  # without that column
-        head = head[:3] + head[4:]
-        rows = [row[:3] + row[4:] for row in rows]
-    return Table(head, rows, words=(len(head) - 1,))
+        head = head[:4] + head[5:]
+        rows = [row[:4] + row[5:] for row in rows]
+    return Table(head, rows, words=(2, len(head) - 1))

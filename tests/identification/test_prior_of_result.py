@@ -170,7 +170,7 @@ def test_what_came_from_where(still):
     assert told_by_itself.split(", ") == [
         name for name, share in zip(found.short_names, left, strict=True) if share > 0.5
     ]
-    assert re.search(rf"{found.short_names[rotor]} +\S+ +\S+ prior", found.summary())
+    assert re.search(rf"{found.short_names[rotor]} +\S+ +kg m² +\S+ prior", found.summary())
     assert not [line for line in found.warnings if "prior" in line]
 
 

@@ -3,6 +3,7 @@ by their labels.
 """
 
 import dataclasses
+import re
 from functools import cache
 from types import SimpleNamespace
 
@@ -10,6 +11,7 @@ import numpy as np
 import pytest
 
 from identification import fit_torque, identify, pulse_budget
+from identification.equation_error.naming import units as units_of
 from identification.results import plots, summary
 from identification.results.diagnostics import Diagnostics
 from identification.results.plots import INTERVALS
@@ -71,6 +73,25 @@ def test_many_unknowns_fit_on_a_screen(monkeypatch):
     assert "found.summary(full=True)" in " ".join(screen.split())
     assert "95 % interval  " not in screen
     assert result.summary(full=True) == whole
+
+
+def test_every_value_has_its_unit(monkeypatch):
+    """In the row of a table, or by its name where values stand side by side."""
+    result = found()
+    units = dict(
+        zip(result.short_names, units_of(result.arm.dynamics, result.fit.unknown), strict=True)
+    )
+    record = result.records[0]
+    q = RIG.cell_centre(record.counts)
+    torque_fit = fit_torque(renamed(), q, record.torque, rig=RIG, cutoff=100, band=20, every=20)
+    for text in (result.summary(), str(torque_fit)):
+        lines = text.splitlines()
+        for name, unit in units.items():
+            assert re.match(rf"{name} +\S+  {unit}  ", next(x for x in lines if x.startswith(name)))
+    monkeypatch.setattr(summary, "SETTINGS", summary.SummarySettings(unknowns=3))
+    screen = " ".join(str(result).split())
+    for name, unit in units.items():
+        assert re.search(rf"in {unit}: [^:;]*\b{name}\b", screen)
 
 
 def test_sixty_two_values_of_seven_joints_take_23_lines():
