@@ -11,7 +11,7 @@ from ctc.certification.certificates import Certificates
 from ctc.report.page import figure, section
 from identification.equation_error.naming import units as units_of
 from identification.results.seen import counted, drifting, seen
-from identification.results.summary import doubts, explained_torque, verdict_of
+from identification.results.summary import doubts, explained_torque, notes, verdict_of
 from plant.parts.shown import body, details, items, preformatted, table, text
 
 _UNRELIABLE = ", of an unreliable identification"
@@ -82,8 +82,9 @@ def _verdict(identification: Any, evaluation: Any, certificate: Any) -> str:
         for good, title, reason in lines
     )
     parts = [f'<ul class="verdict">\n{rows}\n</ul>']
-    if identification.warnings:
-        parts += ["<h3>Warnings</h3>", items(identification.warnings)]
+    for head, listed in (("Warnings", doubtful), ("Notes", notes(identification))):
+        if listed:
+            parts += [f"<h3>{head}</h3>", items(listed)]
     return section("Verdict", *parts)
 
 

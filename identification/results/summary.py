@@ -67,6 +67,11 @@ def doubts(result: Any) -> list[str]:
     return result.warnings if isinstance(result, TorqueFit) else result.doubts
 
 
+def notes(result: Any) -> list[str]:
+    """Those lines of an `Identification` that hold for any log, and doubt no value."""
+    return [line for line in result.warnings if line not in result.doubts]
+
+
 def warn_of_doubts(result: Any, user: str) -> None:
     """Warn if a result is unreliable; `user` is the function or law that takes it."""
     lines = doubts(result)
@@ -79,12 +84,18 @@ def warn_of_doubts(result: Any, user: str) -> None:
         )
 
 
-def verdict_of(result: Any) -> Verdict:
-    """Whether the log of an `Identification` contradicts what was stated."""
-    # Warnings that hold for any log are printed, but do not make a result unreliable.
+def verdict_of(result: Any, shown: int | None = None) -> Verdict:
+    """Whether the log of an `Identification` contradicts what was stated.
+
+    `shown`: the warnings that stand below at most, if not all.
+    """
+    # Notes hold for any log: they are printed, but do not make a result unreliable.
     doubtful = len(doubts(result))
     if doubtful:
-        return Verdict(f"Unreliable: {doubtful} warning{'s' * (doubtful > 1)}, below.", False)
+        first = f"the first {shown} " if shown is not None and doubtful > shown else ""
+        return Verdict(
+            f"Unreliable: {doubtful} warning{'s' * (doubtful > 1)}, {first}below.", False
+        )
     # Silence is no evidence where the tests could not be made.
     if result.diagnostics.detection.reason is not None:
         return Verdict("Nothing contradicts what was stated, but the rig was not tested.")
@@ -97,10 +108,10 @@ def summary_of(result: Any, full: bool) -> Iterator[Piece]:
     Not full, and of many unknowns: their values in columns, and the most important of the rest.
     """
     full = full or len(result.fit.values) <= SETTINGS.unknowns
-    warnings = result.warnings
+    most = None if full else SETTINGS.warnings
 
     # 1. Verdict, and how the values were found.
-    yield verdict_of(result)
+    yield verdict_of(result, most)
     yield f"{result.search.method}, {len(result.records)} record(s): {result.message}"
     yield from _noise_of_torque(result)
     if any(is_long(along_log(record)) for record in (*result.records, *result.held_out)):
@@ -161,13 +172,14 @@ def summary_of(result: Any, full: bool) -> Iterator[Piece]:
     if result.fit.resonance is not None:
         yield from inside(result.fit.resonance)
 
-    # 4. Warnings, and the meaning of the names.
-    yield Warned(warnings if full else warnings[: SETTINGS.warnings])
+    # 4. Warnings, as many as the verdict counts, then notes; the meaning of the names.
+    yield Warned(doubts(result)[:most])
+    yield from (f"note: {line}" for line in notes(result)[:most])
     if full:
         yield Aside("What the parameters mean", result.arm.dynamics.legend.splitlines())
         return
     # A short summary hides things: it tells how to see them.
-    hidden = len(warnings) - SETTINGS.warnings
+    hidden = len(doubts(result)) - SETTINGS.warnings
     remark = f"{hidden} more warnings, " if hidden > 0 else ""
     yield (
         f"{remark}95 % intervals, bounds, correlations, and what the names of parameters mean: "

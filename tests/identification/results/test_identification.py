@@ -94,6 +94,22 @@ def test_every_value_has_its_unit(monkeypatch):
         assert re.search(rf"in {unit}: [^:;]*\b{name}\b", screen)
 
 
+@pytest.mark.parametrize("doubts", [1, 2, 7])
+def test_the_verdict_counts_the_warnings_below_it(doubts, monkeypatch):
+    """Lines that hold for any log doubt no value: they are notes, and not counted."""
+    result = dataclasses.replace(found())
+    lines = {f"line {i} doubts.": True for i in range(doubts)} | {"a note.": False}
+    # As a file keeps them.
+    result.__dict__["_warnings"] = lines
+    monkeypatch.setattr(summary, "SETTINGS", summary.SummarySettings(unknowns=3))
+    for full, first in ((True, doubts), (False, min(doubts, 5))):
+        shown = result.summary(full=full).splitlines()
+        assert re.search(r"\d+", shown[0])[0] == str(doubts)
+        assert (f"first {first} below" in shown[0]) == (first < doubts)
+        assert len([line for line in shown if line.startswith("warning: ")]) == first
+        assert [line for line in shown if line.startswith("note: ")] == ["note: a note."]
+
+
 def test_sixty_two_values_of_seven_joints_take_23_lines():
     friction = (f"drive.{kind}[{i}]" for kind in ("viscous", "coulomb") for i in range(7))
     names = (*(f"f{i + 1}" for i in range(48)), *friction)
