@@ -23,6 +23,9 @@ _OF_RIG = {
     "drive.curve.breakaway": "N m",
     "drive.curve.speed": "rad/s",
     "law.gain": "N m per pulse",
+    "law.derivative": "N m s per pulse",
+    "law.position": "1/s",
+    "law.speed": "N m s per pulse",
 }
 
 # Checks of columns, and of the statements of rig and law on them: a wrong column makes everything

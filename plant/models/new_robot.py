@@ -81,8 +81,10 @@ _DH = {
     ("encoder", "resolution"): "Counts per turn of the motor.",
     ("law", "kind"): "The cascade of most drives. plant.P and plant.PID are others.",
     ("law", "position"): "Kp of the drive [1/s]. 1 mm/min/um is 16.67 1/s.",
-    ("law", "speed"): "Kv of the drive [N m s/rad of the motor] times 2 pi / resolution.",
-    ("law", "integral"): "`speed`, as it stands above, over the reset time Tn [s].",
+    ("law", "speed"): "Torque of the motor per pulse per second [N m s]: Kv of the drive"
+    " [N m s/rad of the motor] times 2 pi / resolution.",
+    ("law", "integral"): "Torque of the motor per pulse [N m]: `speed`, as it stands above, over"
+    " the reset time Tn [s].",
     ("law", "difference"): "Samples over which the drive takes its speed. If it has a low-pass,"
     " write filter = the pole [rad/s].",
     ("law", "period"): "Time from sample to sample of the drive [s].",

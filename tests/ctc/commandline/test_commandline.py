@@ -43,6 +43,7 @@ from plant import (
     write_robot,
 )  # fmt: skip
 from plant.models.robot_file import FOLDER
+from plant.models.tables import unit_of
 
 MAPPED = """
 [columns]
@@ -721,6 +722,10 @@ def test_an_arm_without_a_model_file_begins_with_rows_of_joints(tmp_path, capsys
     # Each value stands with a sentence.
     values = [line for line in text.splitlines() if " = " in line and not line.startswith("#")]
     assert all(line.endswith(".") or "name = " in line for line in values)
+    # Gains are in the units of the law, beside those of a drive.
+    gains = {line.split()[0]: line for line in values}
+    for gain in ("position", "speed", "integral"):
+        assert f"[{unit_of(Cascade, gain)}]" in gains[gain]
     code, out, err = run(capsys, "check", "log.csv", "--robot", "arm.toml")
     assert (code, err.count("\n")) == (2, 1)
     assert "law.integral" in err

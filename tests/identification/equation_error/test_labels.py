@@ -67,5 +67,5 @@ def test_the_papers_parameters_and_numbers_of_rig_and_law():
     """
     dynamics, inertia = puma560.dynamics(), ["kg m²"] * 4
     assert units(dynamics, dynamics.names) == (*inertia, "kg m", "kg m", "kg m²", "kg m", "kg m")
-    asked = ("drive.viscous[1]", "law.gain[0]", "encoder.resolution[0]")
-    assert units(dynamics, asked) == ("N m s/rad", "N m per pulse", "")
+    asked = ("drive.viscous[1]", "law.gain[0]", "law.speed[1]", "encoder.resolution[0]")
+    assert units(dynamics, asked) == ("N m s/rad", "N m per pulse", "N m s per pulse", "")
