@@ -71,10 +71,12 @@ def torque_apart(record: Record) -> Floats | None:
     if compared is None:
         return None
     logged, torque = compared
-    squares = np.mean((torque - logged) ** 2, axis=0)
-    # The noise of a current sensor is no other law.
+    difference = torque - logged
+    squares = np.mean(difference**2, axis=0)
+    # The noise of a current sensor is no other law; where all is white, its size is a sample's.
     noise = independent_noise(logged, torque, held=_is_held(record))
-    distance = np.sqrt(np.maximum(squares - noise**2, 0))
+    excess = np.where(is_white(difference) & (noise > 0), 0.0, squares - noise**2)
+    distance = np.sqrt(np.maximum(excess, 0))
     size = np.sqrt(np.mean(logged**2, axis=0))
     # A joint without torque has no share of it.
     return distance / np.maximum(size, 1e-9 * max(size.max(), 1e-300))

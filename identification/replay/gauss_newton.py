@@ -88,7 +88,7 @@ class Descent:
 
     `values` (k,). `innovations` (M,) at them. `slopes` (M, v): change of the innovations per step
     of the varied unknowns; where the last linearisation was, not always at `values`. `moved`:
-    whether the last round lowered the sum of squares.
+    whether the last round lowered the sum of squares by more than the tolerance.
     """
 
     values: Floats
@@ -236,13 +236,14 @@ def descend(
         # 3. Search along the change. Clipping projects a step that ends outside onto the bounds.
         squares = point.squares
         vectors = np.clip(point.values + lengths[:, None] * change, *bounds.T)
-        point.moved = _search(residual, point, vectors, settings)
-        if not remaining or not point.squares < (1 - settings.tolerance) * squares:
+        _search(residual, point, vectors, settings)
+        point.moved = point.squares < (1 - settings.tolerance) * squares
+        if not remaining or not point.moved:
             break
 
 
 def _search(residual, point, vectors, settings):
-    """Move a point to one of several vectors, batch by batch; whether one lowers the squares."""
+    """Move a point to the one of several vectors that lowers the squares, batch by batch."""
     squares = point.squares
     begin = 0
     for count in settings.batches:
@@ -255,9 +256,8 @@ def _search(residual, point, vectors, settings):
             point.values = vectors[begin + best]
             # A copy: rows of several vectors may share memory that would stay occupied.
             point.innovations = rows[best].copy()
-            return True
+            return
         begin += count
-    return False
 
 
 def reweighed(

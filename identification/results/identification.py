@@ -297,7 +297,7 @@ class Identification(PredictsTorque, Shown, Saved, Frozen):
         record = self.records[0]
         of_log: tuple[Cause, ...] = ()
         # A checkup takes time, and accuses no log that nothing else doubts.
-        if self.warnings:
+        if self.doubts:
             checkup = record.check()
             of_log = tuple(cause for cause in checkup.causes if cause.line in self.warnings)
             record = checkup.corrected if of_log else record
