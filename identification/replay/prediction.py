@@ -57,8 +57,11 @@ class PredictionSettings:
         Step of the state of a law [N m].
     begin_step, speed_step : float
         Steps of the position [rad] and of the speed [rad/s] at the start.
+    share_of_speed : float
+        The latter as a share of the speed that the first counts show, at most.
     unlimited : float
-        Largest such ratio where no reading determines the state, and the amplifier has no limit.
+        Largest ratio of a state, or of a start beside it, to its usual magnitude, where no reading
+        determines it; the amplifier may limit a state to less.
     unequal : float
         Ratio of RMS innovations from which on records and joints are weighted by them.
     """
@@ -73,6 +76,7 @@ class PredictionSettings:
     state_step: float = 0.05
     begin_step: float = 1e-6
     speed_step: float = 1e-4
+    share_of_speed: float = 0.25
     unlimited: float = 100.0
     unequal: float = 1.5
 
@@ -293,21 +297,30 @@ class Prediction(Stacked):
             for (followed, part), deviations in zip(self._each(values), parts, strict=True)
         )
 
-    def widest(self, direction: Floats) -> Floats:
-        """A direction (k,) of values that readings do not determine, one standard deviation long.
+    def widest(self, directions: Floats) -> Floats:
+        """Directions (u, k) of the same space that readings do not determine, as wide as it is.
 
-        An integral can hold any torque that the amplifier gives, whatever it held in the log; the
-        arm began near its counts, and a torque tells the state within its noise.
+        Each is one standard deviation long, and they are independent. An integral can hold any
+        torque that the amplifier gives, whatever it held in the log; the arm began near its counts,
+        and a torque tells the state within its noise.
         """
         largest = ROUNDING / self._expected
-        begin = len(direction) - len(largest)
+        begin = directions.shape[1] - len(largest)
         for followed, place in zip(self._followed, self._memories, strict=True):
             memory = followed.memory
             if memory is not None and memory.noise is None:
                 limit = followed.record.rig.drive.torque_limit().max() / np.sqrt(3)  # uniform
-                state = slice(place.start - begin, place.start - begin + memory.usual.size)
-                largest[state] = np.minimum(limit, SETTINGS.unlimited * memory.usual)
-        return direction / (np.abs(direction[begin:]) / largest).max()
+                own = slice(place.start - begin, place.stop - begin)
+                state, start = np.split(largest[own], [memory.usual.size])
+                state[:] = np.minimum(limit, SETTINGS.unlimited * memory.usual)
+                # Friction at the start leaves errors in the slopes of the start; these must not
+                # end a direction of the state.
+                start *= SETTINGS.unlimited if state.size else 1.0
+        # The whole space at once: each of several directions alone may end where two together go
+        # on.
+        expected = directions[:, begin:] / largest
+        _, sizes, axes = np.linalg.svd(expected.T, full_matrices=False)
+        return axes / sizes[:, None] @ directions
 
     def lost(self, values: Floats) -> str:
         """Label of the first record whose run with these values diverges; "" of a single record."""
@@ -446,12 +459,18 @@ def _add_memory(vector, k, record, memory):
     )
     # A joint that hardly leaves its count rests, or creeps: its counts show no position in it, and
     # no speed, beside what friction hides.
-    moves = np.ptp(record.counts[:FADED], axis=0) > 1
-    for name, step in (("begin", SETTINGS.begin_step), ("speed", SETTINGS.speed_step)):
-        for i in range(n):
-            vector.add([f"record[{k}].{name}[{i}]"], step=step * moves[i])
-    # The arm can be off by a pulse, and by a pulse per sample.
+    travel = np.ptp(record.counts[:FADED], axis=0)
+    # A joint must not turn back within a difference: there friction changes its sign.
     pulse = np.abs(np.diag(record.rig.to_angle(np.eye(n))))
+    slowest = pulse * travel / (FADED * record.rig.period)
+    steps = {
+        "begin": np.full(n, SETTINGS.begin_step),
+        "speed": np.minimum(SETTINGS.speed_step, SETTINGS.share_of_speed * slowest),
+    }
+    for name, step in steps.items():
+        for i in range(n):
+            vector.add([f"record[{k}].{name}[{i}]"], step=step[i] * (travel[i] > 1))
+    # The arm can be off by a pulse, and by a pulse per sample.
     magnitudes = np.concatenate([memory.deviations, pulse, pulse / record.rig.period])
     # A state that a torque tells is a reading; a usual magnitude is none.
     weights = np.zeros(len(magnitudes))

@@ -24,6 +24,7 @@ from identification.equation_error.stated_law import begun, told_by_torque
 from identification.replay.experiment import with_zeros
 from identification.replay.gauss_newton import gauss_newton, variance_inflation
 from identification.replay.objective import Objective
+from identification.replay.weak_directions import SETTINGS as WEAK
 from identification.search.outcome import Fit, Outcome
 from identification.search.problem import Problem
 from plant import Arm, Law, Record, Resumed, Rig, replay
@@ -88,7 +89,9 @@ def with_memory(problem: Problem, fitted: Callable[[Problem], Outcome]) -> Outco
     # likelier one.
     running = any(map(in_motion, problem.objective.records))
     # Where no reading tells, neither is simpler: the state lies where the law keeps it at work.
-    running |= bool(resumed.fit.undetermined) and any(
+    untold = bool(resumed.fit.undetermined)
+    untold |= bool((WEAK.determined * resumed.fit.std > began.fit.std).any())
+    running |= untold and any(
         memory is not None and passes_start(record, memory)
         for record, memory in zip(problem.records, memories, strict=True)
     )

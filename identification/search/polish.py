@@ -452,8 +452,7 @@ def _with_undetermined(outcome, prediction, solution):
     k = len(outcome.fit.values)
     covariance = outcome.fit.covariance.copy()
     names = []
-    for direction in solution.undetermined:
-        wide = prediction.widest(direction)[:k]
+    for wide in prediction.widest(solution.undetermined)[:, :k]:
         covariance += np.outer(wide, wide)
         # Other unknowns turn a little with the direction: within their deviation by noise.
         parts = np.abs(wide) > np.sqrt(np.diag(outcome.fit.covariance))
