@@ -231,8 +231,10 @@ class Followed(Experiment):
             in_part = slice(*np.searchsorted(rows, (part.start, part.stop)).tolist())
             measured = errors[rows[in_part] - part.start]
             sound &= np.isfinite(measured).all(axis=(0, 1))
-            for j, weighted in enumerate(innovations):
-                np.multiply(measured[:, :, j], self.weight[in_part], out=weighted[in_part])
+            # What diverged may be infinite in a row without weight.
+            with np.errstate(invalid="ignore"):
+                for j, weighted in enumerate(innovations):
+                    np.multiply(measured[:, :, j], self.weight[in_part], out=weighted[in_part])
 
         # 4. A run that diverged costs inf in all its rows.
         sound &= loop.sound(state)
