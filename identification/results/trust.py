@@ -20,6 +20,7 @@ from plant.checkup.examine import late_counts
 from plant.checkup.lost_rows import BRIDGED, short_gaps
 from plant.checkup.oscillation import own_oscillations
 from plant.checkup.rounding import rounding_doubts
+from plant.machine.inner_loop import InnerLoop
 from plant.machine.unlikely import unlikely_statements
 from plant.parts.fields import Floats
 from plant.parts.one_thread import one_thread
@@ -129,19 +130,20 @@ def warnings_of(identification: Any) -> dict[str, bool]:
     lines = {line: check not in _ALWAYS for _, check in _CHECKS for line in check(case)}
     # Rows that could not be tried are listed, and doubt no value.
     lines |= dict.fromkeys(identification.failed, False)
-    if identification.own_causes:
-        return dict.fromkeys((cause.line for cause in identification.own_causes), True) | lines
+    # Counts that nobody logged may be behind all of these lines; alone they doubt none.
+    lines = dict.fromkeys(_between_rows(case), any(lines.values())) | lines
     record = identification.records[0]
-    further = identification.records[1:]
     dynamics = identification.arm.dynamics
+    if identification.own_causes:
+        statements = [cause.line for cause in identification.own_causes]
     # Wrong signs are reported even where no line doubts the log.
-    if not any(lines.values()):
-        causes = restated(dynamics, record)
-        return dict.fromkeys((cause.line for cause in causes), True) | lines
-    # Columns that were misread explain any doubt, but accuse no log that has none.
-    statements = [*wrong_statements(dynamics, record)]
-    for other in further:
-        statements += misread(other)
+    elif not any(lines.values()):
+        statements = [cause.line for cause in restated(dynamics, record)]
+    else:
+        # Columns that were misread explain any doubt, but accuse no log that has none.
+        statements = [*wrong_statements(dynamics, record)]
+        for other in identification.records[1:]:
+            statements += misread(other)
     return dict.fromkeys(statements, True) | lines
 
 
@@ -156,6 +158,22 @@ def of_statements(rig: Rig, records: Iterable[Record], chain: Chain) -> _Lines:
             doubts = [*unlikely_statements(rig, q, qd, prismatic), *rounding_doubts(record)]
             lines += [line for line in doubts if line not in lines]
     yield from lines
+
+
+def _between_rows(case):
+    """Sampled laws that read counts between the rows of a log without torques."""
+    for i, record in enumerate(case.identification.records):
+        law = record.law
+        logged = record.torque is not None or record.current is not None
+        # Fast hardware, and the inner loop of a servo, read the counts of the model in between.
+        in_loop = law is None or law.period is None or isinstance(law.innermost, InnerLoop)
+        if not (logged or in_loop) and is_faster(record):
+            yield (
+                f"the law of {case.log(i)} acts every {1e3 * law.period:.3g} ms, a row is written"
+                f" every {1e3 * record.rig.period:.3g} ms: the counts that the law read in between"
+                " are in no row, and any doubt about this log may come from that. Log torque or"
+                " current as well, or every sample of the loop."
+            )
 
 
 def _statements(case):

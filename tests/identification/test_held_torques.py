@@ -1,6 +1,7 @@
 """Whether a logged torque was held until the next sample follows from the log."""
 
 import dataclasses
+import re
 
 import numpy as np
 import pytest
@@ -10,13 +11,20 @@ from ctc import ComputedTorque
 from identification import identify
 from identification.replay.prediction import Prediction
 from plant import (
+    PD,
+    Body,
     Cascade,
+    Chain,
+    Drive,
     Dynamics,
+    Encoder,
     Harmonics,
+    Link,
     LoggedCurrent,
     LoggedTorque,
     P,
     Record,
+    Rig,
     puma560,
     simulate,
 )
@@ -102,3 +110,59 @@ def test_a_law_that_is_faster_than_its_log_is_not_judged_by_counts_between_rows(
     assert found.diagnostics.law_apart == (None,)
     assert found.doubts == []
     assert (np.abs(found.f - puma560.arm().f) < 5 * found.fit.std[:9]).all()
+
+
+def slide_under_a_cascade():
+    """Two joints and a slide under a drive at 4 kHz, logged at 1 kHz."""
+    drive = Drive(
+        gear=(80.0, -60.0, 2 * np.pi / 0.02),
+        motor_inertia=(6e-5, 4e-5, 2e-5),
+        viscous=(2e-4, 2e-4, 1e-4),
+        coulomb=(0.03, 0.02, 0.01),
+        motor_gain=(0.1,) * 3,
+        current_limit=(20.0,) * 3,
+    )
+    rig = Rig(drive=drive, encoder=Encoder(resolution=(4096,) * 3), period=1e-3)
+    links = Link(name="1"), Link(name="2", a=0.3), Link(name="3", a=0.25, prismatic=True)
+    bodies = [
+        Body(mass=mass, com=(0.1, 0, 0), inertia=(0.02, 0, 0, 0.02, 0, 0.02), rotor=rotor)
+        for mass, rotor in zip((5, 3, 2), drive.reflected_inertia(), strict=True)
+    ]
+    dynamics = Dynamics.from_chain(Chain(links=links, bodies=bodies))
+    path = Harmonics(
+        period=2.0,
+        offset=(0.2, 0.0, 0.0),
+        cosine=((0.3, 0.1), (0.2, -0.2), (0.02, 0.01)),
+        sine=((0.1, 0.2), (0.2, 0.1), (0.01, 0.02)),
+    )
+    law = Cascade.from_drive(
+        rig, Kp=40, Kv=(0.02, 0.02, 0.01), Tn=0.02, difference=1, period=rig.period / 4
+    )
+    arm = dynamics.arm(dynamics.f())
+    return arm, simulate(arm, rig, law, path, duration=1.5)
+
+
+def faster_than_its_log():
+    """A loop at 4 kHz whose model follows the log at 1 kHz all the same."""
+    rig = dataclasses.replace(puma560.rig(), period=1e-3)
+    law = PD(gain=(0.1, 0.075), derivative=(4e-4, 3e-4), filter=2000.0, period=rig.period / 4)
+    arm = puma560.arm()
+    return arm, simulate(arm, rig, law, puma560.reference(), duration=2.0)
+
+
+@pytest.mark.parametrize(
+    ("made", "doubted"), [(slide_under_a_cascade, True), (faster_than_its_log, False)]
+)
+def test_counts_between_the_rows_stand_before_what_they_may_bring_about(made, doubted):
+    """No torque was logged: the rotor of the slide was in doubt, which is right."""
+    arm, log = made()
+    bare = dataclasses.replace(log, torque=None, current=None, true_q=None, true_qd=None)
+    found = identify(arm.dynamics, bare, method="prediction_error", progress=False)
+    # The period of the law, and that of the rows.
+    assert re.findall(r"[\d.]+ ms", found.warnings[0])[:2] == ["0.25 ms", "1 ms"]
+    assert (len(found.warnings) > 1) == doubted
+    # Alone it doubts nothing.
+    assert found.doubts == found.warnings * doubted
+    if not doubted:
+        logged = identify(arm.dynamics, log, method="prediction_error", progress=False)
+        assert found.warnings[0] not in logged.warnings
