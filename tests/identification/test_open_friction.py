@@ -26,6 +26,7 @@ def found_of(record, **options):
     return identify(puma560.dynamics(), record, method="equation_error", progress=False, **options)
 
 
+@pytest.mark.slow
 def test_open_friction_is_what_unknown_friction_is(record):
     opened = dataclasses.replace(record, rig=with_drive(record.rig, viscous=None, coulomb=None))
     found, other = found_of(opened), found_of(record, unknown="friction")

@@ -108,6 +108,7 @@ def test_the_worst_runs_again():
     assert dataclasses.replace(certificate, runs=runs).worst.index == worst.index
 
 
+@pytest.mark.slow
 def test_what_rounding_adds_is_the_error_of_samples_that_do_not_differ():
     same = certified(
         covariance=1e-24 * COVARIANCE, friction=0.0, phase=False, samples=2, duration=0.3

@@ -103,6 +103,7 @@ def test_samples_of_normals_have_the_distribution_of_certify():
     assert np.array_equal(again.values, ours.values)
 
 
+@pytest.mark.slow
 def test_a_certificate_has_it_for_one_motion_or_several():
     """With a controller that is too slow, f decides; to 1e-4, against 40,000 samples:
     tests/benchmarks/campaign.py.

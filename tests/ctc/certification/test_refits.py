@@ -87,6 +87,7 @@ def test_what_follows_from_the_resonance_is_no_sensitivity_to_f(found, again):
     np.testing.assert_array_equal(plants.first(7).expected, plants.expected[:7])
 
 
+@pytest.mark.slow
 def test_loops_on_gears_take_an_identification_for_its_arm(found):
     law, options = ComputedTorque(found, bandwidth=60), {"duration": 0.1, "damping_ratio": RATIO}
     one, other = (

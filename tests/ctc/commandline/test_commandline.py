@@ -253,6 +253,7 @@ def test_friction_is_named_by_a_word_beside_f_and_the_page_is_of_one_controller(
 
 
 @pytest.mark.filterwarnings("default::UserWarning")  # which the command prints
+@pytest.mark.slow
 def test_a_prior_of_the_model_s_bodies_is_given_by_its_spread(tmp_path, capsys, monkeypatch):
     """The second joint stands still: with --prior its spread, without it that of the default,
     which is said.

@@ -104,6 +104,7 @@ def test_with_less_friction_than_the_model_nothing_runs_away(share):
     assert len(record.counts) >= 1000
 
 
+@pytest.mark.slow
 def test_what_an_identification_leaves_open_lowers_the_bound():
     """With deviations twice as large the same assistance could drive a joint."""
     record = simulate(ARM, RIG, puma560.p_law(), puma560.reference())

@@ -47,6 +47,7 @@ def test_without_a_swap_it_is_the_law():
     np.testing.assert_array_equal(plain.torque, same.torque)
 
 
+@pytest.mark.slow
 def test_springs_that_the_rig_has_are_no_disturbance():
     """The watch's disturbance is as small on an arm with springs as without; of unknown ones it
     is theirs.

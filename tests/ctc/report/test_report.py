@@ -125,6 +125,7 @@ def test_warnings_come_first(found, tmp_path):
     assert "✓" not in text[: text.index("<h3>Warnings</h3>")]
 
 
+@pytest.mark.slow
 def test_a_card_with_a_cross_says_why_on_the_card(found, tmp_path):
     """Of a path that begins in motion, and of a probability that is not shown to be as low as
     was asked.

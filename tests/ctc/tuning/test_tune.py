@@ -31,6 +31,7 @@ def tuning():
         return tune(ARM, RIG, PATH, **with_uncertainty(**STATED, **SHORT, seed=1))
 
 
+@pytest.mark.slow
 def test_the_law_holds_on_plants_of_its_own(tuning):
     assert tuning.holds
     fresh = certify(
@@ -124,6 +125,7 @@ def test_what_cannot_vary_is_refused_by_its_name(name):
         tune(ARM, RIG, PATH, **with_uncertainty(**STATED, **SHORT), vary=["dead_zone", name])
 
 
+@pytest.mark.slow
 def test_a_search_varies_what_it_is_told_to(monkeypatch):
     settings = SearchSettings(rounds=((2, np.inf),), quieter_searches=0, validation_samples=10)
     monkeypatch.setattr("ctc.tuning.tune.SETTINGS", settings)

@@ -364,6 +364,7 @@ def test_a_place_in_millimetres_is_refused():
         Link(name="3", before=Placement(position=(-425.0, 0.0, 0.0)))
 
 
+@pytest.mark.slow
 def test_a_spring_that_the_rig_states_tilts_no_base():
     """Its torque is none of gravity's, and its stiffness is seldom exact."""
     case = drawn(63, torque=True)

@@ -124,6 +124,7 @@ def test_friction_stated_widely_is_free_and_tightly_exact():
     np.testing.assert_allclose(wide.rig.drive.coulomb, free.rig.drive.coulomb, rtol=0.02)
 
 
+@pytest.mark.slow
 def test_a_joint_at_rest_says_little_of_its_friction_and_nothing_of_the_mass():
     path = Harmonics(period=2.0, offset=(0.3, 0.2), cosine=((0.0,), (-0.6,)), sine=((0.0,), (0.0,)))
     found = find_load(ARM, worn_log(path=path, duration=4.0), PLACE)

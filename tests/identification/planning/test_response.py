@@ -131,6 +131,7 @@ def test_the_loop_is_the_complementary_sensitivity_where_the_reference_moves():
     assert "Hz" in str(measured)
 
 
+@pytest.mark.slow
 def test_a_designed_multisine_gives_the_plant_within_its_standard_deviations():
     measured = frequency_response(moved_records(), skip=8)
     exact = np.moveaxis(truth(measured.frequency, moved_records()[0]), 0, -1)

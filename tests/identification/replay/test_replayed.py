@@ -98,6 +98,7 @@ def found(zeros=True):
     )
 
 
+@pytest.mark.slow
 def test_the_arm_its_friction_and_the_zeros_are_found():
     """Within three of its own standard deviations (values kept at zero stay), and f within 3 %."""
     true = np.append(F, TRUE)

@@ -55,6 +55,7 @@ def test_a_delay_that_viscous_friction_can_produce_is_not_corrected():
     assert not any("Identify without_delay" in text for text in found.warnings)
 
 
+@pytest.mark.slow
 def test_a_delay_is_corrected_where_no_unknown_can_produce_it():
     record = simulate(puma560.arm(), puma560.rig(), puma560.p_law((0.1, 0.08)), puma560.reference())
     record = dataclasses.replace(record, torque=None, current=None, true_q=None, true_qd=None)

@@ -61,6 +61,7 @@ def test_the_moves_are_those_of_another_identification(log, found, name):
         assert by_list @ by_fit > 0.9 * np.linalg.norm(by_list) * np.linalg.norm(by_fit)
 
 
+@pytest.mark.slow
 def test_it_is_said_and_can_be_drawn_from(log, found):
     said = str(found.assumed())
     assert said in found.summary()

@@ -30,6 +30,7 @@ def quick(record):
     return identify(DYNAMICS, record, method="prediction_error", progress=False)
 
 
+@pytest.mark.slow
 def test_friction_is_that_of_the_robot_afterwards():
     viscous, coulomb = RIG.drive.viscous * (0.7, 1.4), RIG.drive.coulomb * (1.3, 0.7)
     found = quick(log(viscous=viscous, coulomb=coulomb))

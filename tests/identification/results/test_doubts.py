@@ -167,6 +167,7 @@ def test_a_loop_that_hunts_by_counts_is_described_and_not_doubted(gain, lag, hun
         assert doubted.diagnostics.detection.names == (cause,)
 
 
+@pytest.mark.slow
 def test_what_is_named_is_not_blamed_on_the_rest_of_the_rig():
     """A lag of 16 us puts the loop's runs apart by 1.2 to 1.7 pulses: more than two runs are,
     less than is doubted.

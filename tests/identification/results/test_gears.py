@@ -134,6 +134,7 @@ def test_bad_input_is_refused_in_one_line(arm, records, options, text):
     assert "\n" not in str(caught.value)
 
 
+@pytest.mark.slow
 def test_an_arm_that_does_not_give_the_logged_torques_is_told():
     heavier = ARM.dynamics.arm(1.6 * ARM.f)
     with pytest.warns(UserWarning, match=r"f and friction leave [3-7]\d% of the logged torques"):

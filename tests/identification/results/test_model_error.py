@@ -78,6 +78,7 @@ def test_tolerances_are_refused_if_negative():
         identify(ARM.dynamics, log(), tolerances=0.01)
 
 
+@pytest.mark.slow
 def test_intervals_count_an_offset_that_the_rig_lacks():
     """An eighth of the Coulomb friction puts f off by many standard deviations of noise; it is
     named, and counted.

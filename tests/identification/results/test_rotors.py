@@ -77,6 +77,7 @@ def test_what_is_hardly_known_says_nothing(found):
     assert not [line for line in doubtful.warnings if "rotor" in line]
 
 
+@pytest.mark.slow
 def test_a_rotor_that_the_log_shows_alone_is_the_stated_one():
     """Where axes are parallel the inertia of the second rotor is a parameter of its own."""
     drive = Drive(

@@ -282,6 +282,7 @@ def test_friction_that_is_not_the_rigs_comes_with_its_values():
     assert quick(log(**FRICTION), unknown=unknown).diagnostics.detection.names == ()
 
 
+@pytest.mark.slow
 def test_gains_that_are_wrong_are_named_before_friction_that_explains_as_much():
     record = dataclasses.replace(
         log(), law=puma560.p_law((0.8 * LOW[0], 1.25 * LOW[1])), torque=None, current=None

@@ -81,6 +81,7 @@ def test_a_narrow_valley_of_weight_and_integral_is_followed_to_its_end():
     assert np.abs((estimate.fit.values - case.truth) / estimate.fit.std).max() < 4
 
 
+@pytest.mark.slow
 def test_an_arm_in_motion_has_a_controller_that_was_at_work():
     """An integral of zero fits the log, too: J came out 143 % high, 4,200 of its deviations."""
     case = drawn(114)

@@ -35,6 +35,7 @@ def refused(*arguments, **options):
     raise ValueError("the search must start from an arm that follows the log; it diverges. Hint.")
 
 
+@pytest.mark.slow
 def test_torques_give_the_arm_where_prediction_fails(record, monkeypatch):
     monkeypatch.setattr(methods, "polished", refused)
     found = identify(ARM.dynamics, record, progress=False)

@@ -76,6 +76,7 @@ def test_resonances_are_found_and_their_intervals_hold_them(hz):
     assert result.warnings == []
 
 
+@pytest.mark.slow
 def test_a_rigid_log_gives_a_bound_and_no_number():
     """And f about as well as without gears."""
     result = found(None)
@@ -193,6 +194,7 @@ def test_what_cannot_be_searched_is_refused_in_one_line(options, text):
     assert "\n" not in str(caught.value)
 
 
+@pytest.mark.slow
 def test_logs_that_no_start_follows_are_refused():
     """Errors with the wrong sign."""
     short = log((25, 25)).cut(0.0, 1.0)

@@ -74,6 +74,7 @@ def test_parts_are_where_the_arm_moves(short):
     assert own.stop <= 3750
 
 
+@pytest.mark.slow
 def test_f_is_that_of_the_whole_log_and_its_intervals_too(short, monkeypatch):
     log = simulated()
     parts = identify(ARM.dynamics, log, method="prediction_error", progress=False)

@@ -211,6 +211,7 @@ def test_ranges_are_kept():
     assert result.fit.std[4] == 0.0
 
 
+@pytest.mark.slow
 def test_last_of_several_records_is_kept_aside():
     records = [measured(), measured(period=2.5)]
     result = identify(DYNAMICS, records, settings=TINY, progress=False)

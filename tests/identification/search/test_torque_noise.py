@@ -38,6 +38,7 @@ def test_noise_of_the_current_is_named_with_its_size_and_doubts_nothing():
     np.testing.assert_allclose(estimate.fit.values, TRUE, rtol=0.02, atol=0.005)
 
 
+@pytest.mark.slow
 def test_noise_hides_no_wrong_friction():
     wrong = dataclasses.replace(RIG.drive, coulomb=RIG.drive.coulomb * 3)
     estimate = identify(DYNAMICS, log(dataclasses.replace(RIG, drive=wrong)), progress=False)

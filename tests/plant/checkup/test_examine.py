@@ -117,6 +117,7 @@ def test_healthy_records_are_all_fine(records, names):
         assert checkup.ok, f"{name}\n{checkup}"
 
 
+@pytest.mark.slow
 def test_without_law_torque_or_reference_a_healthy_record_is_no_worse(records):
     for name in ("P 3.65", "harmonics 1", "quiet computed torque", "planar 3"):
         record = records[name]
@@ -586,6 +587,7 @@ def test_a_law_may_lag_by_itself():
         assert 40 < found.value < 60
 
 
+@pytest.mark.slow
 def test_a_law_that_repeats_currents_tells_nothing_of_their_order(records):
     for name in ("P 3.65", "heavy", "planar 2"):
         record = replace(records[name], law=LoggedCurrent(), torque=None)

@@ -157,6 +157,7 @@ def ur5e(about, period):
     return dynamics.arm(dynamics.f()), rig, P(gain=(0.042, 0.0153)), path
 
 
+@pytest.mark.slow
 def test_backlash_is_told_from_where_the_loop_swings():
     """In MuJoCo about hanging, where the loads change sign."""
     for finding in found(run(*ur5e(np.pi / 2, 2.7), play=0.003, hertz=300.0)):

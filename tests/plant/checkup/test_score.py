@@ -114,6 +114,7 @@ def test_delays_are_seen_behind_the_noise_of_a_current(noisy, cause):
     )
 
 
+@pytest.mark.slow
 def test_a_filter_that_is_stated_in_hertz_is_named(noisy):
     hertz = dataclasses.replace(noisy.law, filter=noisy.law.filter / (2 * np.pi))
     checkup = dataclasses.replace(noisy, law=hertz).check()
@@ -136,6 +137,7 @@ def test_a_mistake_of_a_joint_shows_in_that_joint(noisy):
     assert [found.joints for found in Trials([row])(Experiment(turned))] == [(1,)]
 
 
+@pytest.mark.slow
 def test_a_joint_at_rest_has_no_motion_that_explains_a_torque():
     """Its derivatives were rounding errors, and explained the constant torque of any trial."""
     record = drawn(104).record

@@ -195,6 +195,7 @@ def test_short_gaps():
 
 
 # -- advice --------------------------------------------------------------------------------------
+@pytest.mark.slow
 def test_a_torque_that_is_turned_back_is_the_logs_own():
     record = dataclasses.replace(log(), torque=log().torque * (-1, 1), current=None)
     checkup = record.check()

@@ -347,6 +347,7 @@ def test_whole_pulses_per_turn_tell_radians_from_lines(record):
     assert cause.runner_up.name == "lines of the encoder"
 
 
+@pytest.mark.slow
 def test_lines_of_one_encoder_are_put_right(record):
     checkup = in_lines(record, 1).check()
     cause = checkup.causes[0]
