@@ -114,8 +114,15 @@ def on_gears(
         )
     # Any elasticity makes the kernel one of elastic gears; its numbers are those of each lane.
     gears: Any = Elasticity.from_resonance(arm, RIGID, damping_ratio, q=reference(np.zeros(1)).q[0])
-    loop = (arm, with_gears(rig, gears), law, reference)
-    return lambda hz: Population(*loop, *gear_numbers(gears, rig.drive, hz), **options).run(threads)
+    numbers = gear_numbers(gears, rig.drive, [RIGID])
+    # Its equations and tables are the costly part, and the same at every resonance.
+    population = Population(arm, with_gears(rig, gears), law, reference, *numbers, **options)
+
+    def runs(hz: ArrayLike) -> Runs:
+        _, values = gear_numbers(gears, rig.drive, hz)
+        return population.with_values(values).run(threads)
+
+    return runs
 
 
 @frozen
