@@ -5,7 +5,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from plant.checkup.hypothesis import Joints
+from plant.checkup.filtered import centred
+from plant.checkup.hypothesis import Joints, columns_of
 from plant.checkup.quantisation import STEP_NOTE, grid
 from plant.checkup.rounding import rounding_log_odds
 from plant.checkup.score import SETTINGS, Experiment
@@ -31,10 +32,6 @@ def _ratios(numerator, denominator):
     return np.where((power > 0) & (ratio != 0), ratio, 1.0)
 
 
-def _centred(column):
-    return column - column.mean() if len(column) else column
-
-
 def _speeds(experiment, name):
     table = getattr(experiment.signals, name)
     return np.column_stack([experiment.filtered(name, table, i).speed for i in range(experiment.n)])
@@ -47,8 +44,8 @@ def slopes(experiment: Experiment, joints: Joints) -> tuple[float, ...]:
     reference = _speeds(experiment, "reference")
     ratio = _ratios(_speeds(experiment, "counts"), reference)
     # Beside a goal that rests the counts move by noise alone.
-    ratio[(reference**2).mean(axis=0) <= experiment.speed_noise] = 1.0
-    return _positive(np.median(ratio[list(joints) or slice(None)]))
+    ratio[(reference**2).mean(axis=0) <= experiment.filter.speed_noise] = 1.0
+    return _positive(np.median(ratio[columns_of(joints)]))
 
 
 def inverse_slopes(experiment: Experiment, joints: Joints) -> tuple[float, ...]:
@@ -58,14 +55,13 @@ def inverse_slopes(experiment: Experiment, joints: Joints) -> tuple[float, ...]:
 
 def torque_ratios(experiment: Experiment, joints: Joints) -> tuple[float, ...]:
     """Logged over commanded torque: of a joint, or the median of all."""
-    law = experiment.record.law
-    if law is not None and law.has_memory(experiment.n):
+    if experiment.has_memory:
         # A memory is unknown, but hardly changes the steps from sample to sample.
         steps = experiment.torques_of_law
         if steps is None:
             return ()
         ratio = _ratios(steps[1], steps[0])
-        return _positive(np.median(ratio[list(joints) or slice(None)]))
+        return _positive(np.median(ratio[columns_of(joints)]))
     commanded, logged = experiment.commanded, experiment.signals.torque
     if commanded is None or logged is None:
         return ()
@@ -75,11 +71,11 @@ def torque_ratios(experiment: Experiment, joints: Joints) -> tuple[float, ...]:
     limited = np.abs(np.abs(logged) / limit - 1) < _AT_LIMIT
     ratio = np.array(
         [
-            _ratios(_centred(logged[rows, i]), _centred(commanded[rows, i]))
+            _ratios(centred(logged[rows, i]), centred(commanded[rows, i]))
             for i, rows in enumerate(~limited.T)
         ]
     )
-    return _positive(np.median(ratio[list(joints) or slice(None)]))
+    return _positive(np.median(ratio[columns_of(joints)]))
 
 
 def command_ratios(experiment: Experiment, joints: Joints) -> tuple[float, ...]:
@@ -235,15 +231,14 @@ def delay_evidence(experiment: Experiment, joints: Joints) -> Any:
     logged = experiment.signals.torque is not None
     if experiment.signals.reference is None:
         return None if logged else ()
-    law = experiment.record.law
-    if law is not None and law.has_memory(experiment.n):
+    if experiment.has_memory:
         return _lag_evidence(experiment, joints) or (None if logged else ())
     if logged:
         return None
     delay = experiment.once("delay", delays)
     if delay is None:
         return ()
-    chosen = list(joints) or slice(None)
+    chosen = columns_of(joints)
     jerk, jerk_std = delay.by_jerk[chosen], delay.jerk_std[chosen]
     values = np.concatenate([jerk, delay.by_speed[chosen]])
     stds = np.concatenate([jerk_std, delay.speed_std[chosen]])
@@ -333,8 +328,8 @@ def _differences(experiment):
     if commanded is None or logged is None or not experiment.long_enough:
         return
     for i in range(experiment.n):
-        ours = _centred(experiment.filtered("commanded", commanded, i).value)
-        yield ours, _centred(experiment.filtered("torque", logged, i).value) - ours
+        ours = centred(experiment.filtered("commanded", commanded, i).value)
+        yield ours, centred(experiment.filtered("torque", logged, i).value) - ours
 
 
 def _likelier(experiment, commanded, difference, columns):
@@ -352,16 +347,16 @@ def rate_evidence(experiment: Experiment, joints: Joints) -> Any:
 
     None under a law with memory: the steps of its torque tell.
     """
-    references, law = experiment.signals.reference, experiment.record.law
+    references = experiment.signals.reference
     rates, odds = list[float](), 0.0
     if references is None:
         return ()
-    if law is not None and law.has_memory(experiment.n):
+    if experiment.has_memory:
         return None if experiment.command is not None else ()
     for i, (commanded, difference) in enumerate(_differences(experiment)):
         reference = experiment.filtered("reference", references, i)
         counts = experiment.filtered("counts", experiment.signals.counts, i)
-        gain = _ratios(commanded, _centred(reference.value - counts.value))
+        gain = _ratios(commanded, centred(reference.value - counts.value))
         column = gain * (reference.speed - counts.speed)
         value, likelier = _likelier(experiment, commanded, difference, column[:, None])
         rates.append(float(value[0]))
@@ -437,7 +432,7 @@ def radian_evidence(experiment: Experiment, joints: Joints) -> Iterator[tuple[fl
 
 def edges_evidence(experiment: Experiment, joints: Joints) -> Iterator[tuple[float, float]]:
     """Log odds of lines that are stated in place of counts, or the reverse."""
-    chosen = list(joints) or slice(None)
+    chosen = columns_of(joints)
     follows = experiment.signals.reference is None or experiment.signals.tracks[chosen].all()
     # Of some joints alone the motion is no evidence: the others' torques are coupled to them.
     if follows and len(joints) not in (0, experiment.n):

@@ -11,7 +11,13 @@ import numpy as np
 
 from plant.checkup.counts import counts_findings
 from plant.checkup.finding import Check, Checkup, Finding, unless
-from plant.checkup.hypothesis import Hypothesis, Ranking, SelectionSettings, ranking
+from plant.checkup.hypothesis import (
+    Hypothesis,
+    Ranking,
+    SelectionSettings,
+    columns_of,
+    ranking,
+)
 from plant.checkup.lost_rows import MOST, all_bridged, lost_rows, repeats_bridged
 from plant.checkup.oscillation import oscillation_findings
 from plant.checkup.quantisation import count_unit_findings, quantisation_findings
@@ -288,7 +294,7 @@ def late_counts(record) -> Floats:
     bridged = Experiment(all_bridged(record, lost_rows(record)))
     for cause in ranked_causes(record, bridged, TABLE, record.rig.joint_labels).causes:
         if cause.name == "late counts":
-            late[list(cause.joints) or slice(None)] = cause.size
+            late[columns_of(cause.joints)] = cause.size
     return late
 
 

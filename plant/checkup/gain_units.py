@@ -16,7 +16,7 @@ import numpy as np
 
 from plant.checkup.along_log import at_times, sample_times, torque_along
 from plant.checkup.evidence import by_friction
-from plant.checkup.hypothesis import Joints
+from plant.checkup.hypothesis import Joints, columns_of
 from plant.checkup.score import SETTINGS as SCORE
 from plant.checkup.score import Experiment
 from plant.laws.pid import PD, Cascade, P
@@ -124,7 +124,7 @@ def _scaled(law, names, joints, factor):
 
     def changed(gains):
         factors = np.ones(len(gains))
-        factors[list(joints) or slice(None)] = factor
+        factors[columns_of(joints)] = factor
         return factors * gains
 
     return replace(law, **{name: changed(getattr(law, name)) for name in names})
@@ -166,7 +166,7 @@ def unit_evidence(gain: str, unit: Unit) -> Callable[..., Iterator[tuple[float, 
         if not _names(experiment.record.law, gain):
             return
         ratios = np.broadcast_to(unit.ratio(experiment.record.rig), experiment.n)
-        ratio = ratios[list(joints) or slice(None)]
+        ratio = ratios[columns_of(joints)]
         # Joints that have several ratios, as of their gears, have rows of their own.
         if np.ptp(ratio) > 1e-9 * ratio[0] or not ratio[0] > SETTINGS.least:
             return
@@ -181,7 +181,7 @@ def _without(along, gain, joints, size):
     """Torque (K, n) of the law without a mistake of this size."""
     part = along.torque if gain == "gains" else along.parts[gain]
     change = np.zeros(part.shape[1])
-    change[list(joints) or slice(None)] = 1 / size - 1
+    change[columns_of(joints)] = 1 / size - 1
     return along.torque + change * part
 
 
@@ -200,7 +200,7 @@ def _by_torque(experiment: Experiment, gain: str, joints: Joints, size: float) -
         for torque in (compared.law.torque, _without(compared.law, gain, joints, size))
     )
     # A factor that is no unit's leaves as much: another row, or none, has it.
-    if (corrected[list(joints) or slice(None)] > SETTINGS.unexplained).any():
+    if (corrected[columns_of(joints)] > SETTINGS.unexplained).any():
         return -np.inf
     stated, corrected = (np.log(share + SCORE.steps) for share in (stated, corrected))
     gained = compared.equations / 2 * float((stated - corrected).sum())
@@ -280,7 +280,7 @@ def _plausible(stated: Experiment, law: Any, gain: str, joints: Joints) -> bool:
     margin = SETTINGS.deviations * np.array([motion.inertia_std for motion in motions])
     inertia = np.array([motion.inertia for motion in motions])
     possible = (least < inertia + margin) & (inertia - margin < largest)
-    return bool(possible[list(joints) or slice(None)].any())
+    return bool(possible[columns_of(joints)].any())
 
 
 def _driven(record, experiment, torque):
@@ -307,6 +307,6 @@ def _by_motion(experiment: Experiment, gain: str, joints: Joints, size: float) -
     # A factor that is no unit's gives a motor that cannot be, either.
     if not _plausible(corrected, experiment.record.law, "gains", joints):
         return -np.inf
-    if not experiment.record.law.has_memory(experiment.n):
+    if not experiment.has_memory:
         return by_friction(experiment, other_gains(gain)(experiment.record, joints, size))
     return corrected.score - stated.score

@@ -37,6 +37,11 @@ def pairs(n: int) -> Iterator[Joints]:
     yield from combinations(range(n), 2)
 
 
+def columns_of(joints: Joints) -> list[int] | slice:
+    """The columns of these joints: of all where a mistake concerns none in particular."""
+    return list(joints) or slice(None)
+
+
 @dataclass(frozen=True, kw_only=True)
 class Hypothesis(Generic[Experiment]):
     """One thing that can be wrong: its words, how to undo it, and how likely it is.

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from plant.checkup.hypothesis import Candidate, Hypothesis
+from plant.checkup.hypothesis import Candidate, Hypothesis, columns_of
 from plant.checkup.score import SETTINGS, Experiment
 from plant.checkup.without_arm import TABLE
 
@@ -83,19 +83,20 @@ class Trials:
         gains = [experiment.gain(changed(float(size)), hypothesis.against) for size in sizes]
         best = int(np.argmax(gains))
         size, most = float(sizes[best]), gains[best]
-        shown = most > hypothesis.against
+        if most <= hypothesis.against:
+            return [(size, most)]
         # A mistake of some joints shows in these, and not in others alone.
-        if joints and shown and sum(_gains(experiment, changed(size), joints).values()) < 0:
+        if joints and sum(_gains(experiment, changed(size), joints).values()) < 0:
             return []
-        delay = hypothesis.check == "delay" and shown
+        delay = hypothesis.check == "delay"
         # What fast hardware reads beside the instant of the log is less than a sample away.
         if delay and abs(size) < 1 and not _of_these_joints(experiment, changed(size), joints):
             return []
         tolerance = hypothesis.tolerance
-        if tolerance is None or most <= hypothesis.against:
+        if tolerance is None:
             return [(size, most)]
         # Where nothing but the motion tells, a log that gets better and better is none of a delay.
-        if hypothesis.check == "delay" and best == len(sizes) - 1 and _silent(experiment, joints):
+        if delay and best == len(sizes) - 1 and _silent(experiment, joints):
             return []
         grid_of_sizes = len(sizes) > 1
         if grid_of_sizes:
@@ -111,21 +112,22 @@ class Trials:
         # Reading between two rows averages them, which makes noise smaller on either side of a
         # whole number of rows. What a shift gains beyond the one on the other side is evidence: of
         # its direction, and of a delay that is no whole number.
-        if hypothesis.check == "delay":
+        if delay:
             whole = hypothesis.whole and round(size)
             if whole and most - gain(2 * whole - size) < hypothesis.against:
                 size, most = float(whole), gain(whole)
             most -= max(gain(-size), 0.0)
         # Occam: a size that the log determines well was unlikely to be just that.
-        step = 0.02 * tolerance * (1.0 if grid_of_sizes else size)
+        scale = 1.0 if grid_of_sizes else size
+        step = 0.02 * tolerance * scale
         curvature = (2 * most - gain(size + step) - gain(size - step)) / step**2
-        tolerance *= 1.0 if grid_of_sizes else size
-        return [(size, most - np.log1p(tolerance**2 * max(curvature, 0.0)) / 2)]
+        occam = np.log1p((tolerance * scale) ** 2 * max(curvature, 0.0)) / 2
+        return [(size, most - occam)]
 
 
 def _gains(before, after, joints):
     """How much likelier a change makes what each term says of some joints, or of all."""
-    chosen = list(joints) or slice(None)
+    chosen = columns_of(joints)
     return {
         name: (after.terms[name] - before.terms[name])[chosen].sum()
         for name in after.terms
@@ -135,7 +137,7 @@ def _gains(before, after, joints):
 
 def _of_these_joints(before, after, joints):
     """Whether what a delay of some joints, or of all, makes likelier is that delay."""
-    chosen = list(joints) or slice(None)
+    chosen = columns_of(joints)
     gains = _gains(before, after, joints)
     # Where motion alone shows it, the motion must: an inertia that a shift makes uncertain has a
     # likelier prior, too.
@@ -164,7 +166,7 @@ _EXPLAINED = 0.5
 def _silent(experiment, joints):
     """Whether no law tells a torque of these joints: none is stated, or noise hides its steps."""
     command = experiment.command
-    return command is None or bool((command[list(joints) or slice(None)] > SETTINGS.unlike).all())
+    return command is None or bool((command[columns_of(joints)] > SETTINGS.unlike).all())
 
 
 def _shift(samples):

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from plant.checkup.hypothesis import Joints
+from plant.checkup.hypothesis import Joints, columns_of
 from plant.checkup.score import Experiment
 from plant.checkup.signals import Signals
 from plant.laws.pid import PD, P
@@ -62,7 +62,7 @@ def _mapped(record, *fields):
 def _factors(record, joints, value):
     """Factors (n,): `value` for these joints, or for all where there are none; otherwise 1."""
     factors = np.ones(record.n)
-    chosen = list(joints) or slice(None)
+    chosen = columns_of(joints)
     factors[chosen] = np.broadcast_to(value, (record.n,))[chosen]
     return factors
 
@@ -301,7 +301,7 @@ def counted_edges(record: Any, joints: Joints, size: float) -> Any:
     Counts and torques stay; a reference that the counts follow as it is was counted, too.
     """
     signals = Signals(record)
-    chosen = list(joints) or slice(None)
+    chosen = columns_of(joints)
     if signals.reference is None or signals.tracks[chosen].all():
         factors = np.ones(record.n)
     else:
@@ -373,7 +373,7 @@ def counts_in_time(record: Any, joints: Joints, samples: float) -> Any:
         away = abs(samples) - row
         moved[row if samples < 0 else -1 - row] = centres[ends[0]] + away * step
     counts = encoder.quantised(moved)
-    chosen = list(joints) or list(range(record.n))
+    chosen = columns_of(joints)
     table = np.array(record.counts)
     table[:, chosen] = counts[:, chosen]
     return with_counts(record, table)

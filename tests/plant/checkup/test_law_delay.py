@@ -12,6 +12,9 @@ import pytest
 from ctc import ComputedTorque, ComputedTorquePID
 from plant import PD, PID, Cascade, Elasticity, Harmonics, Resumed, puma560, simulate
 from plant.checkup.examine import late_counts
+from plant.checkup.hypothesis import Hypothesis
+from plant.checkup.score import Experiment
+from plant.checkup.trials import Trials
 
 ARM, RIG = puma560.arm(), puma560.rig()
 PATH = Harmonics(
@@ -165,3 +168,25 @@ def test_a_law_with_other_gains_is_no_delay(name, factor):
         if hasattr(law, field):
             other = dataclasses.replace(law, **{field: factor * np.array(getattr(law, field))})
             assert told(dataclasses.replace(log(name), law=other)) == [0, 0], field
+
+
+@pytest.mark.parametrize(
+    ("rest", "samples", "delayed"), [(0.8, 0.5, False), (0.2, 0.5, True), (0.8, 2.0, True)]
+)
+def test_a_small_delay_explains_most_of_what_the_law_does_not(rest, samples, delayed):
+    """Under a law that cannot have made the log, as where its counts have another zero, small
+    delays make the log likelier, too, and leave most of the difference.
+    """
+    record = log("PID")
+    strange = 0.7 * record.torque[::-1]
+    experiment = Experiment(dataclasses.replace(record, torque=record.torque + strange))
+
+    def undo(spoiled, joints, size):
+        return dataclasses.replace(spoiled, torque=record.torque + rest * strange)
+
+    changed = experiment.changed(undo(experiment.record, (), samples))
+    row = Hypothesis(
+        name="late", sentence="", remedy="", check="delay", undo=undo, sizes=(samples,)
+    )
+    assert changed.score - experiment.score > row.against
+    assert bool([*Trials([row])(experiment)]) is delayed
