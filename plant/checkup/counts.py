@@ -304,12 +304,10 @@ def _stuck(signals, i):
     # In slow logs at least five intervals, since a slow motion repeats counts, too.
     least = max(SETTINGS.standstill, 5 * signals.interval)
     runs = [run for run in _runs(signals.counts[:, i]) if seconds(run) >= least]
+    unexplained, evidence = _against_torque, "under torques that its friction cannot hold"
     if signals.reference is not None:
-        stuck = max(map(seconds, _against_reference(signals, i, runs)), default=0.0)
-        evidence = "while the reference moves on"
-    else:
-        stuck = max(map(seconds, _against_torque(signals, i, runs)), default=0.0)
-        evidence = "under torques that its friction cannot hold"
+        unexplained, evidence = _against_reference, "while the reference moves on"
+    stuck = max(map(seconds, unexplained(signals, i, runs)), default=0.0)
     if stuck or signals.reference is not None:
         advice = (
             f"The counts stand still {evidence}; leave these rows out (valid = 0), check the"

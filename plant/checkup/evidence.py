@@ -33,8 +33,7 @@ def _ratios(numerator, denominator):
 
 
 def _speeds(experiment, name):
-    table = getattr(experiment.signals, name)
-    return np.column_stack([experiment.filtered(name, table, i).speed for i in range(experiment.n)])
+    return np.column_stack([experiment.filtered(name, i).speed for i in range(experiment.n)])
 
 
 def slopes(experiment: Experiment, joints: Joints) -> tuple[float, ...]:
@@ -235,7 +234,7 @@ def delay_evidence(experiment: Experiment, joints: Joints) -> Any:
         return _lag_evidence(experiment, joints) or (None if logged else ())
     if logged:
         return None
-    delay = experiment.once("delay", delays)
+    delay = experiment.once(delays)
     if delay is None:
         return ()
     chosen = columns_of(joints)
@@ -288,8 +287,7 @@ _LEAST_LAG = 0.2
 def lag(experiment: Experiment, i: int, *, friction: bool = False) -> tuple[float, float]:
     """Samples by which the counts of joint i lag behind the reference, and standard deviation."""
     signals = experiment.signals
-    reference = experiment.filtered("reference", np.asarray(signals.reference), i)
-    counts = experiment.filtered("counts", signals.counts, i)
+    reference, counts = (experiment.filtered(name, i) for name in ("reference", "counts"))
     columns = [reference.speed, np.ones(len(counts.value))]
     # Friction that the law lacks is an error with the sign of the speed.
     if friction:
@@ -302,7 +300,7 @@ def lag(experiment: Experiment, i: int, *, friction: bool = False) -> tuple[floa
 
 def gains_evidence(experiment: Experiment, joints: Joints) -> Any:
     """Log odds of gains in A where no torque is logged: friction is as stated with the others."""
-    if experiment.once("delay", delays) is None or not hasattr(experiment.record.law, "gain"):
+    if experiment.once(delays) is None or not hasattr(experiment.record.law, "gain"):
         return None
     return ((1.0, by_friction(experiment, gains_in_ampere(experiment.record, joints, 1.0))),)
 
@@ -310,7 +308,7 @@ def gains_evidence(experiment: Experiment, joints: Joints) -> Any:
 def by_friction(experiment: Experiment, record: Any) -> float:
     """How much likelier a log is with other gains, by its score and by its viscous friction."""
     changed = experiment.changed(record)
-    before, after = experiment.once("delay", delays), delays(changed)
+    before, after = experiment.once(delays), delays(changed)
     gain = changed.score - experiment.score
     # Viscous friction alone is a parameter; gains change inertia and Coulomb friction, too.
     if before is not None and after is not None and gain > 0:
@@ -320,20 +318,21 @@ def by_friction(experiment: Experiment, record: Any) -> float:
 
 
 def _differences(experiment):
-    """Yield of each joint: filtered torques, commanded and logged less commanded (M,) [N m].
+    """Yield two filtered torques of each joint: the commanded one, and the logged one less it.
 
-    Of laws without memory; their mean values are taken out.
+    Each (M,) [N m], less its mean; nothing of a law with memory.
     """
-    commanded, logged = experiment.commanded, experiment.signals.torque
-    if commanded is None or logged is None or not experiment.long_enough:
+    if experiment.commanded is None or experiment.signals.torque is None:
         return
-    for i in range(experiment.n):
-        ours = centred(experiment.filtered("commanded", commanded, i).value)
-        yield ours, centred(experiment.filtered("torque", logged, i).value) - ours
+    for i in range(experiment.n if experiment.long_enough else 0):
+        commanded, logged = (
+            centred(experiment.filtered(name, i).value) for name in ("commanded", "torque")
+        )
+        yield commanded, logged - commanded
 
 
 def _likelier(experiment, commanded, difference, columns):
-    """Coefficients of columns (M, k) in a difference of torques, and what likelier they make it."""
+    """Coefficients of columns (M, k) of a difference of torques, and their log likelihood ratio."""
     columns = columns - columns.mean(axis=0)
     size = np.maximum(np.sqrt((columns**2).sum(axis=0)), np.finfo(float).tiny)
     value = np.linalg.lstsq(columns / size, difference, rcond=None)[0] / size
@@ -347,15 +346,13 @@ def rate_evidence(experiment: Experiment, joints: Joints) -> Any:
 
     None under a law with memory: the steps of its torque tell.
     """
-    references = experiment.signals.reference
     rates, odds = list[float](), 0.0
-    if references is None:
+    if experiment.signals.reference is None:
         return ()
     if experiment.has_memory:
         return None if experiment.command is not None else ()
     for i, (commanded, difference) in enumerate(_differences(experiment)):
-        reference = experiment.filtered("reference", references, i)
-        counts = experiment.filtered("counts", experiment.signals.counts, i)
+        reference, counts = (experiment.filtered(name, i) for name in ("reference", "counts"))
         gain = _ratios(commanded, centred(reference.value - counts.value))
         column = gain * (reference.speed - counts.speed)
         value, likelier = _likelier(experiment, commanded, difference, column[:, None])
@@ -403,7 +400,7 @@ def viscous_evidence(experiment: Experiment, joints: Joints) -> Any:
     """Log odds of another viscous friction, which adds torque with the speed but not the jerk."""
     if experiment.signals.torque is not None:
         return None
-    delay = experiment.once("delay", delays)
+    delay = experiment.once(delays)
     i = joints[0]
     stated = experiment.record.rig.drive.viscous[i]
     if delay is None or not stated or not np.isfinite(delay.speed_std[i]):

@@ -58,8 +58,7 @@ class Filter:
         self.t = signals.t
         self.interval = signals.interval
         window = signals.window
-        steps = int((self.t[-1] - self.t[0]) / self.interval + 1e-6)
-        self.times = self.t[0] + np.arange(steps + 1) * self.interval
+        self.times = signals.times
         rows = np.flatnonzero(signals.clear)
         self.stride = max(1, window // REGRESSION.per_window, -(-len(rows) // SETTINGS.rows))
         self.rows = rows[:: self.stride]

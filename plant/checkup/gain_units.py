@@ -1,4 +1,4 @@
-"""Gains of a law in another unit: what the law would have commanded along the log says so.
+"""Gains of a law in another unit, as the law shows that is run along the log.
 
 A law is linear in each of its gains. It is run along the counts of the log as stated, and once more
 with each gain doubled: the differences are the parts that a factor of the gain multiplies.
@@ -188,7 +188,7 @@ def _without(along, gain, joints, size):
 # -- with a logged torque --------------------------------------------------------------------------
 def _by_torque(experiment: Experiment, gain: str, joints: Joints, size: float) -> float:
     """How much likelier the logged torque is without a mistake of this size: log odds."""
-    compared = experiment.once("smoothed torques", _smoothed_torques)
+    compared = experiment.once(_smoothed_torques)
     # The law explains the torque: nothing is in another unit.
     if (
         compared is None
@@ -199,7 +199,7 @@ def _by_torque(experiment: Experiment, gain: str, joints: Joints, size: float) -
         _unexplained(compared.logged, torque)
         for torque in (compared.law.torque, _without(compared.law, gain, joints, size))
     )
-    # A factor that is no unit's leaves as much: another row, or none, has it.
+    # A factor that is no unit leaves as much unexplained: the mistake is another one.
     if (corrected[columns_of(joints)] > SETTINGS.unexplained).any():
         return -np.inf
     stated, corrected = (np.log(share + SCORE.steps) for share in (stated, corrected))
@@ -220,11 +220,11 @@ class _Compared(NamedTuple):
 
 
 def _smoothed_torques(experiment):
-    """What is compared of logged and stated torques; None where the law allows it not.
+    """Logged torque and that of the stated law, smoothed; None where the law cannot be run.
 
     An integral begins at an unknown value, and fast hardware answers each count between samples.
     """
-    along = experiment.once("law along log", _along_log)
+    along = experiment.once(_along_log)
     if along is None:
         return None
     signals = experiment.signals
@@ -256,7 +256,7 @@ def _with_torque_of_law(experiment: Experiment) -> Experiment | None:
 
     None where the log is too short.
     """
-    along = experiment.once("law along log", _along_log)
+    along = experiment.once(_along_log)
     if along is None:
         return None
     signals = experiment.signals
@@ -268,7 +268,7 @@ def _with_torque_of_law(experiment: Experiment) -> Experiment | None:
 
 
 def _plausible(stated: Experiment, law: Any, gain: str, joints: Joints) -> bool:
-    """Whether the torque of the stated law moves a motor of these joints, or of any of all."""
+    """Whether the law's torque drives these joints, or any of all, as it drives a motor."""
     motions = stated.motions
     if motions is None or any(motion.unexplained >= SETTINGS.unmoved for motion in motions):
         return False
@@ -298,10 +298,10 @@ def _driven(record, experiment, torque):
 
 def _by_motion(experiment: Experiment, gain: str, joints: Joints, size: float) -> float:
     """How much likelier the motion is with the law's torque without a mistake of this size."""
-    stated = experiment.once("torque of law", _with_torque_of_law)
+    stated = experiment.once(_with_torque_of_law)
     if stated is None or _plausible(stated, experiment.record.law, gain, joints):
         return -np.inf
-    along = experiment.once("law along log", _along_log)
+    along = experiment.once(_along_log)
     driven = _driven(stated.record, experiment, _without(along, gain, joints, size))
     corrected = stated.changed(driven)
     # A factor that is no unit's gives a motor that cannot be, either.

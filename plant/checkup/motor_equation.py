@@ -109,10 +109,10 @@ class Columns:
 class Motion(NamedTuple):
     """Regression of the torque of one motor on the motion, with standard deviations.
 
-    Inertia [kg m^2], viscous [N m s/rad] and Coulomb friction [N m], none negative; `unexplained`:
-    share (0 to 1) of the variance that the speed alone leaves of the torque, and `beside_speed`:
-    share of the torque's that it leaves; `coupling` (n - 1,): inertias of the other motors'
-    accelerations [kg m^2], of either sign.
+    Inertia [kg m^2], viscous [N m s/rad] and Coulomb friction [N m], none negative; `coupling`
+    (n - 1,): inertias of the other motors' accelerations [kg m^2], of either sign. `beside_speed`:
+    share (0 to 1) of the torque's variance that the speed alone does not explain; `unexplained`:
+    share of that variance that the whole equation does not explain.
     """
 
     inertia: float

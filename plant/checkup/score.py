@@ -93,17 +93,17 @@ class Experiment:
         self.base = base
         self._filtered: dict[tuple[str, int], tuple[Floats, Filtered]] = {}
         self._of_inputs: dict[tuple[str, int], tuple[tuple[Any, ...], Any]] = {}
-        self._once: dict[str, Any] = {}
+        self._once: dict[Callable[[Self], Any], Any] = {}
 
     def changed(self, record: Any) -> Self:
         """The experiment of a record that a hypothesis has changed."""
         return type(self)(record, self)
 
-    def once(self, name: str, quantity: Callable[[Self], Any]) -> Any:
+    def once(self, quantity: Callable[[Self], Any]) -> Any:
         """A quantity of this experiment, computed once."""
-        if name not in self._once:
-            self._once[name] = quantity(self)
-        return self._once[name]
+        if quantity not in self._once:
+            self._once[quantity] = quantity(self)
+        return self._once[quantity]
 
     @functools.cached_property
     def filter(self) -> Filter:
@@ -117,13 +117,17 @@ class Experiment:
 
     @functools.cached_property
     def long_enough(self) -> bool:
-        """Whether speeds can be compared: with the filter of the base, what holds of the base."""
+        """Whether speeds can be compared: as in the base, where both have one filter."""
         if self.base is not None and self.filter is self.base.filter:
             return self.base.long_enough
         return self.signals.long_enough
 
-    def filtered(self, name: str, table: Floats, i: int) -> Filtered:
-        """Column i of a table (M, n) after the filter; that of the base where it is the same."""
+    def filtered(self, name: str, i: int) -> Filtered:
+        """Counts, reference, torque or commanded torque of joint i after the filter.
+
+        It is that of the base where the column is the same.
+        """
+        table = getattr(self.signals if name in ("counts", "reference") else self, name)
         key = name, i
         if key not in self._filtered:
             column = table[:, i]
@@ -178,17 +182,17 @@ class Experiment:
 
         Each (n,); the share is 1 where it is unknown.
         """
-        signals, noise = self.signals, self.filter.speed_noise
+        noise = self.filter.speed_noise
         half = self.filter.equations / 2
         shares = np.ones(self.n)
         likelihoods = np.full(self.n, -half * np.log(1 + SETTINGS.tracking))
-        if signals.reference is None:
+        if self.signals.reference is None:
             return shares, likelihoods
         for i in range(self.n):
-            reference = self.filtered("reference", signals.reference, i)
+            reference = self.filtered("reference", i)
             # Beside a goal that rests the counts move by noise alone, whatever their scale.
             if np.mean(reference.speed**2) > noise and not self.cut_off[i]:
-                columns = reference, self.filtered("counts", signals.counts, i)
+                columns = reference, self.filtered("counts", i)
                 shares[i], likelihoods[i] = self.as_before(
                     "following", i, columns, _following, *columns, noise, half
                 )
@@ -324,12 +328,12 @@ class Experiment:
         """Columns of each motor's equation of motion; None without a torque, or without rows."""
         if self.torque is None or not len(self.filter.rows):
             return None
-        counts = tuple(self.filtered("counts", self.signals.counts, i) for i in range(self.n))
+        counts = tuple(self.filtered("counts", i) for i in range(self.n))
         inputs = *counts, self.record.rig, self.swings
         columns = self.as_before(
             "columns", 0, inputs, Columns, self.signals, self.filter, counts, self.swings
         )
-        torques = [self.filtered("torque", self.torque, i) for i in range(self.n)]
+        torques = [self.filtered("torque", i) for i in range(self.n)]
         return [
             self.as_before("equation", i, (torque, columns), columns.equation, i, torque)
             for i, torque in enumerate(torques)
@@ -390,7 +394,7 @@ class Experiment:
 
     @functools.cached_property
     def weakness(self) -> Floats:
-        """Largest mean square of a motor's torque over that of each (n,); 1 in a closed loop.
+        """Variance of the strongest motor's torque over that of each (n,); 1 in a closed loop.
 
         Where no loop drives a motor, the others move it, and what the regression lacks of their
         torques is large beside its own.

@@ -169,7 +169,7 @@ class Signals:
         return len(self.t) > 10 * self.window and self.clear.sum() > 5 * self.window
 
     @functools.cached_property
-    def _times(self):
+    def times(self) -> Floats:
         """Evenly spaced times (G,) [s]."""
         # The small addition keeps the last sample where rounding makes the span too short.
         steps = int((self.t[-1] - self.t[0]) / self.interval + 1e-6)
@@ -180,7 +180,7 @@ class Signals:
         """Rows (G,) of `smooth` and `rates` that are valid: clear of gaps and ends."""
         if self._same_counts is not None:
             return self._same_counts.clear
-        times = self._times
+        times = self.times
         present = np.ones(len(times))
         # Interpolated values in a gap are no measurement.
         for i in np.flatnonzero(np.diff(self.t) > self.longest_line):
@@ -195,7 +195,7 @@ class Signals:
     def smooth(self, values: Floats) -> Floats:
         """Values (M, n) at evenly spaced times, averaged over the window."""
         # Filters need even times.
-        columns = [np.interp(self._times, self.t, column) for column in values.T]
+        columns = [np.interp(self.times, self.t, column) for column in values.T]
         return np.column_stack([self.smooth_even(column) for column in columns])
 
     def smooth_even(self, values: Floats) -> Floats:
@@ -215,15 +215,15 @@ class Signals:
     @functools.cached_property
     def motion(self) -> Motion:
         """Motion of the counts."""
-        smoothed = self.smooth(self.counts)
-        return Motion(smoothed, *self.rates(smoothed))
+        return self._motion(self.counts)
 
     @functools.cached_property
     def smooth_reference(self) -> Motion | None:
         """Motion of the reference; None without a reference."""
-        if self.reference is None:
-            return None
-        smoothed = self.smooth(self.reference)
+        return None if self.reference is None else self._motion(self.reference)
+
+    def _motion(self, pulses):
+        smoothed = self.smooth(pulses)
         return Motion(smoothed, *self.rates(smoothed))
 
     @functools.cached_property

@@ -95,7 +95,8 @@ class Trials:
         tolerance = hypothesis.tolerance
         if tolerance is None:
             return [(size, most)]
-        # Where nothing but the motion tells, a log that gets better and better is none of a delay.
+        # Where only the motion shows a delay, a score that rises up to the longest has another
+        # cause.
         if delay and best == len(sizes) - 1 and _silent(experiment, joints):
             return []
         grid_of_sizes = len(sizes) > 1
@@ -126,7 +127,7 @@ class Trials:
 
 
 def _gains(before, after, joints):
-    """How much likelier a change makes what each term says of some joints, or of all."""
+    """How much each term of the score gains by a change: of these joints, or of all."""
     chosen = columns_of(joints)
     return {
         name: (after.terms[name] - before.terms[name])[chosen].sum()
@@ -136,18 +137,18 @@ def _gains(before, after, joints):
 
 
 def _of_these_joints(before, after, joints):
-    """Whether what a delay of some joints, or of all, makes likelier is that delay."""
-    chosen = columns_of(joints)
-    gains = _gains(before, after, joints)
+    """Whether the delay of these joints, or of all, is what makes the log likelier without it."""
     # Where motion alone shows it, the motion must: an inertia that a shift makes uncertain has a
     # likelier prior, too.
     if before.torques_of_law is None and before.signals.torque is not None:
+        gains = _gains(before, after, joints)
         return bool(gains.get("motion", 0.0) > _EXPLAINED * sum(gains.values()))
     if before.command is None or after.command is None:
         return True
     # Fast hardware reads its counter beside the instant of the log, and a law that cannot have made
     # the log is a little nearer to it with late counts. Both look like a small delay, but are left
     # as they are by one; a delay of the log explains most of the difference.
+    chosen = columns_of(joints)
     return any(
         later[chosen].sum() < _EXPLAINED * earlier[chosen].sum()
         for earlier, later in (

@@ -49,6 +49,12 @@ def with_drive(record: Any, **changes: Any) -> Any:
     return replace(record, rig=replace(record.rig, drive=replace(record.rig.drive, **changes)))
 
 
+def with_encoder(record: Any, **changes: Any) -> Any:
+    """The record with another encoder in its rig."""
+    encoder = replace(record.rig.encoder, **changes)
+    return replace(record, rig=replace(record.rig, encoder=encoder))
+
+
 def _needs_reference(record):
     if not record.reference_pulses.any():
         raise ValueError("the record must have a reference; it has none. Map reference_pulses.")
@@ -196,17 +202,20 @@ def with_gravity(record: Any, joints: Joints, size: float) -> Any:
     commanded, logged = experiment.commanded, experiment.signals.torque
     if commanded is None or logged is None:
         raise ValueError("the record must have a torque and a law without memory. Log both.")
-    angle = np.cumsum(record.rig.cell_centre(experiment.signals.counts), axis=1)
-    pose = np.column_stack([np.ones(len(angle)), np.sin(angle), np.cos(angle)])
-    coefficients = np.linalg.lstsq(pose, commanded - logged, rcond=None)[0]
-    angle = np.cumsum(record.rig.cell_centre(record.counts), axis=1)
-    pose = np.column_stack([np.ones(len(angle)), np.sin(angle), np.cos(angle)])
+
+    def pose(counts):
+        angle = np.cumsum(record.rig.cell_centre(counts), axis=1)
+        return np.column_stack([np.ones(len(angle)), np.sin(angle), np.cos(angle)])
+
+    lacking = commanded - logged
+    gravity = np.linalg.lstsq(pose(experiment.signals.counts), lacking, rcond=None)[0]
     drive = record.rig.drive
-    torque = drive.motor_torque(record.torque) if record.torque is not None else None
-    if torque is None:
+    if record.torque is None:
         torque = drive.motor_gain * record.current
-    gravity = drive.joint_torque(torque + pose @ coefficients)
-    return replace(record, torque=gravity, current=None)
+    else:
+        torque = drive.motor_torque(record.torque)
+    torque = drive.joint_torque(torque + pose(record.counts) @ gravity)
+    return replace(record, torque=torque, current=None)
 
 
 def as_commanded(record: Any, joints: Joints, size: float) -> Any:
@@ -289,10 +298,9 @@ SLACK = 1e-3
 
 def other_resolution(record: Any, joints: Joints, size: float) -> Any:
     """Multiply the stated resolution, and with it the counts of a given path."""
-    encoder = record.rig.encoder
-    encoder = replace(encoder, resolution=encoder.resolution * size)
     # A stated `reference` would contradict the column that was counted.
-    return replace(record, rig=replace(record.rig, encoder=encoder), reference=None)
+    record = replace(record, reference=None)
+    return with_encoder(record, resolution=record.rig.encoder.resolution * size)
 
 
 def counted_edges(record: Any, joints: Joints, size: float) -> Any:
@@ -301,24 +309,17 @@ def counted_edges(record: Any, joints: Joints, size: float) -> Any:
     Counts and torques stay; a reference that the counts follow as it is was counted, too.
     """
     signals = Signals(record)
-    chosen = columns_of(joints)
-    if signals.reference is None or signals.tracks[chosen].all():
-        factors = np.ones(record.n)
-    else:
-        factors = _factors(record, joints, size)
-    encoder = record.rig.encoder
-    encoder = replace(encoder, resolution=encoder.resolution * _factors(record, joints, size))
-    pulses = np.round(record.reference_pulses * factors)
-    restated = with_reference(record, pulses)
-    return replace(restated, rig=replace(record.rig, encoder=encoder))
+    factors = _factors(record, joints, size)
+    follows = signals.reference is None or signals.tracks[columns_of(joints)].all()
+    pulses = np.round(record.reference_pulses * (1.0 if follows else factors))
+    record = with_reference(record, pulses)
+    return with_encoder(record, resolution=record.rig.encoder.resolution * factors)
 
 
 def counted_in_steps(record: Any, joints: Joints, size: float) -> Any:
     """Count in steps of so many pulses of the stated resolution."""
-    encoder = record.rig.encoder
-    encoder = replace(encoder, resolution=encoder.resolution / size)
     undone = scaled_both()(record, joints, size)
-    return replace(undone, rig=replace(undone.rig, encoder=encoder))
+    return with_encoder(undone, resolution=record.rig.encoder.resolution / size)
 
 
 def _gains(law):
@@ -400,8 +401,7 @@ def other_rounding(record: Any, joints: Joints, size: float) -> Any:
     """The other convention of rounding the counts."""
     # "round" and "floor" differ by a shift of the zero alone, so "floor" stands for both.
     rounding = "floor" if record.rig.encoder.rounding == "fix" else "fix"
-    encoder = replace(record.rig.encoder, rounding=rounding)
-    return replace(record, rig=replace(record.rig, encoder=encoder))
+    return with_encoder(record, rounding=rounding)
 
 
 # -- what the rig states ---------------------------------------------------------------------------

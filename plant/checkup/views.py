@@ -102,7 +102,7 @@ def _rotor_inertias(experiment, i):
 
 # -- joints without a cause ------------------------------------------------------------------------
 def measured_findings(experiment: Experiment, caused: set[tuple[str, Any]]) -> Iterator[Finding]:
-    """Yield the findings of the table's checks and joints that no cause has, by what is measured.
+    """Yield the findings of checks and joints without a cause, by what is measured.
 
     `caused`: checks and joints that have a finding.
     """
@@ -194,7 +194,7 @@ def _delay(experiment, i):
         # With a torque the score sees the phase of counts and torque, which is the sharpest
         # measure.
         value, std = _delay_by_score(experiment, i)
-    elif (delay := experiment.once("delay", delays)) is not None:
+    elif (delay := experiment.once(delays)) is not None:
         if (ratio := _friction(experiment, i, "viscous")) is not None and ratio > _OTHER_UNIT:
             return _other_viscous(experiment, i, ratio)
         value, std = delay.by_jerk[i], delay.jerk_std[i]
@@ -250,37 +250,34 @@ def _units(experiment, i):
     if experiment.command is not None and experiment.command[i] < 0.1:
         return Check("units of torque", i, "of the law's").fine(abs(_law_slope(experiment, i)))
     size = _rotor_inertias(experiment, i)
-    # A motor that others move tells neither its inertia nor its friction.
-    if size is not None and size > 0 and _certain_inertia(experiment, i):
-        if size > _HEAVY:
-            return check.look(
-                size,
-                f"Torque per acceleration is {size:.3g} times the rotor inertia:"
-                f" {_likely_units(experiment)}.",
-            )
-        friction = _friction(experiment, i, "coulomb")
-        if friction is not None and not 1 / _OTHER_UNIT < friction < _OTHER_UNIT:
-            return Check("units of torque", i, "of the Coulomb friction").look(
-                friction,
-                f"Coulomb friction is {friction:.2g} of what the rig states: correct that if it"
-                f" was a guess, or {_likely_units(experiment)}.",
-            )
     if size is None:
         return check.unknown("no rotor inertia stated, and no law that tells the torque")
     if not size > 0:
         return check.unknown(
             "no acceleration that torque explains, and no law that tells the torque"
         )
+    motion = experiment.motions[i]
+    # A motor that others move tells neither its inertia nor its friction.
+    if not motion.inertia > _CERTAIN * motion.inertia_std:
+        return check.fine(size)
+    if size > _HEAVY:
+        return check.look(
+            size,
+            f"Torque per acceleration is {size:.3g} times the rotor inertia:"
+            f" {_likely_units(experiment)}.",
+        )
+    friction = _friction(experiment, i, "coulomb")
+    if friction is not None and not 1 / _OTHER_UNIT < friction < _OTHER_UNIT:
+        return Check("units of torque", i, "of the Coulomb friction").look(
+            friction,
+            f"Coulomb friction is {friction:.2g} of what the rig states: correct that if it"
+            f" was a guess, or {_likely_units(experiment)}.",
+        )
     return check.fine(size)
 
 
 # Torque per acceleration [rotor inertias] to look at: no arm is geared so badly.
 _HEAVY = 300.0
-
-
-def _certain_inertia(experiment, i):
-    motion = experiment.motions[i]
-    return motion.inertia > _CERTAIN * motion.inertia_std
 
 
 def _friction(experiment, i, name):
@@ -302,7 +299,7 @@ def _other_viscous(experiment, i, ratio):
 
 def _likely_units(experiment):
     """Mistakes of units that the score prefers to what is stated, the likeliest first."""
-    return experiment.once("likely units", _units_by_score) or "check the units of the torque"
+    return experiment.once(_units_by_score) or "check the units of the torque"
 
 
 def _units_by_score(experiment):
