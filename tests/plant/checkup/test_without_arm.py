@@ -361,18 +361,18 @@ def test_a_changed_torque_is_compared_with_its_own_motion_alone(record, monkeypa
     law.
     """
     calls = []
-    for name in ("_regression", "_following", "commanded_torque"):
-        made = getattr(score, name)
+    for place, name in ((score.Motion, "of"), (score, "_following"), (score, "commanded_torque")):
+        made = getattr(place, name)
         monkeypatch.setattr(
-            score, name, lambda *a, name=name, made=made, **b: calls.append(name) or made(*a, **b)
+            place, name, lambda *a, name=name, made=made, **b: calls.append(name) or made(*a, **b)
         )
     experiment = score.Experiment(record)
     before = experiment.score
-    assert sorted(calls) == ["_following"] * 2 + ["_regression"] * 2 + ["commanded_torque"]
+    assert sorted(calls) == ["_following"] * 2 + ["commanded_torque"] + ["of"] * 2
     calls.clear()
     changed = experiment.changed(with_torque(record, record.torque * (1.0, 2.0)))
     assert changed.score < before
-    assert calls == ["_regression"]
+    assert calls == ["of"]
 
 
 @pytest.mark.filterwarnings("ignore:joint q")
