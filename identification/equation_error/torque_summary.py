@@ -55,21 +55,18 @@ def summary_of(fit: Any) -> Iterator[Piece]:
     )
     yield Verdict(summary, not fit.warnings)
     yield Warned(fit.warnings)
-    names = short_names(fit.dynamics, fit.names)
     # Friction brakes: an interval that holds zero leaves it open whether there is any.
     remarks = np.where(_zero(fit), ", zero within it", "").tolist()
-    columns = zip(names, fit.values, units(fit.dynamics, fit.names), fit.std, remarks, strict=True)
-    rows = [
-        (name, f"{value:.5g}", unit, f"+- {std:.2g}{remark}")
-        for name, value, unit, std, remark in columns
-    ]
+    notes = [f"+- {std:.2g}{remark}" for std, remark in zip(fit.std, remarks, strict=True)]
     # Known numbers stand in the same table: beside the fitted ones they make up f.
-    rows += [
-        (name, f"{value:.5g}", unit, "known")
-        for (name, value), unit in zip(
-            _short_known(fit), units(fit.dynamics, fit.known), strict=True
-        )
-    ]
+    names = (*fit.names, *fit.known)
+    columns = (
+        short_names(fit.dynamics, names),
+        [f"{value:.5g}" for value in (*fit.values, *fit.known.values())],
+        units(fit.dynamics, names),
+        [*notes, *["known"] * len(fit.known)],
+    )
+    rows = list(zip(*columns, strict=True))
     yield Table((), rows, words=(2, 3))
     yield from (f"left out: {joint}, {why}" for joint, why in fit.left_out.items())
     yield from _choices(fit)

@@ -208,30 +208,23 @@ def _of_positions(called: Mapping[str, str]) -> dict[str, str]:
 
     Positions of the same joints show what they command: `cmd_1` beside `count_1`.
     """
-    quantities = {}
-    joints = {}
-    commands = set()
-    for name, text in called.items():
-        words = set(_words(text))
-        quantities[name] = {_WORDS[word] for word in words if word in _WORDS}
-        tokens = re.findall(r"[^\W\d_]+|\d+", without_unit(text)[0].lower())
-        joints[name] = tuple(token for token in tokens if token not in _VOCABULARY)
-        if not _COMMANDED.isdisjoint(words):
-            commands.add(name)
-    of_positions = {name for name, held in quantities.items() if held & {"position", "counts"}}
+    words = {name: set(_words(text)) for name, text in called.items()}
+    quantities = {name: {_WORDS[word] for word in words[name] & _WORDS.keys()} for name in called}
+    commands = {name for name in called if not _COMMANDED.isdisjoint(words[name])}
+    of_positions = {"position", "counts"}
     # Beside commands that say position, those without a quantity are of something else.
-    if of_positions & commands:
+    if any(quantities[name] & of_positions for name in commands):
         return {}
     # A column that is called by its joint alone holds a position, too.
     measured = {
-        joints[name]
+        _joint(called[name])
         for name in called.keys() - commands
-        if quantities[name] <= {"position", "counts"}
+        if quantities[name] <= of_positions
     }
     return {
         name: f"{without_unit(called[name])[0]}_position"
         for name in commands
-        if not quantities[name] and joints[name] in measured
+        if not quantities[name] and _joint(called[name]) in measured
     }
 
 
@@ -291,9 +284,19 @@ def time_unit(values: Floats) -> str:
 
 def _words(name: str) -> list[str]:
     """Words of a name, in lower case: ``actualQ_1`` and ``actual.q[1]`` have actual and q."""
-    # The bracket of a unit holds no word of the name; digits number the joints.
+    # Digits number the joints.
+    return [token for token in _tokens(name) if not token.isdigit()]
+
+
+def _joint(name: str) -> tuple[str, ...]:
+    """What a name says of its joint: its number, and words that say nothing else."""
+    return tuple(token for token in _tokens(name) if token not in _VOCABULARY)
+
+
+def _tokens(name: str) -> list[str]:
+    """Words and numbers of a name, in lower case; the bracket of a unit holds none."""
     plain = re.sub(r"([a-z])([A-Z])", r"\1 \2", without_unit(name)[0])
-    return [word.lower() for word in re.findall(r"[^\W\d_]+", plain)]
+    return [token.lower() for token in re.findall(r"[^\W\d_]+|\d+", plain)]
 
 
 def _are_counts(values: Floats) -> bool:

@@ -159,6 +159,7 @@ def test_german_columns_are_told(tmp_path, measured, commanded, joints):
     [
         ("count_{}", "asked_{}", "torque_{}", "12"),
         ("enc{}", "cmd{}", "target_reached{}", "12"),
+        ("jointPosition{}", "jointTarget{}", "jointCommandCurrent{}", "12"),
         ("{}_counts", "{}_ref", "{}_cmd_current", ("upper", "rear")),
         ("{}", "{}_target", "torque_{}", ("shoulder", "quill")),
     ],
@@ -167,7 +168,7 @@ def test_commands_without_a_quantity_are_of_the_positions_of_their_joints(
     tmp_path, measured, commanded, beside, joints
 ):
     names = [form.format(joint) for form in (measured, commanded, beside) for joint in joints]
-    counts = COUNTS[:, :2] if measured != "{}" else Q[:, :2]
+    counts = COUNTS[:, :2] if "c" in measured else Q[:, :2]
     rows = np.column_stack([T, counts, Q[:, :2], np.sign(Q[:, :2])])
     np.savetxt(tmp_path / "a.csv", rows, header=",".join(["t", *names]), delimiter=",", comments="")
     contents = Record.read(tmp_path / "a.csv")
