@@ -310,17 +310,18 @@ class Prediction(Stacked):
             memory = followed.memory
             if memory is not None and memory.noise is None:
                 limit = followed.record.rig.drive.torque_limit().max() / np.sqrt(3)  # uniform
-                own = slice(place.start - begin, place.stop - begin)
-                state, start = np.split(largest[own], [memory.usual.size])
+                nuisances = slice(place.start - begin, place.stop - begin)
+                state, start = np.split(largest[nuisances], [memory.usual.size])
                 state[:] = np.minimum(limit, SETTINGS.unlimited * memory.usual)
-                # Friction at the start leaves errors in the slopes of the start; these must not
-                # end a direction of the state.
+                # Friction at the start leaves errors in the slopes of the start. They must not
+                # limit a direction of the state.
                 start *= SETTINGS.unlimited if state.size else 1.0
-        # The whole space at once: each of several directions alone may end where two together go
-        # on.
+        # The whole space at once: one direction alone may be limited where two together are not.
         expected = directions[:, begin:] / largest
-        _, sizes, axes = np.linalg.svd(expected.T, full_matrices=False)
-        return axes / sizes[:, None] @ directions
+        squares, axes = np.linalg.eigh(np.einsum("ik,jk->ij", expected, expected))
+        # What nothing limits is as wide as a number can tell.
+        sizes = np.sqrt(np.maximum(squares, np.finfo(float).eps * squares[-1]))
+        return axes.T / sizes[:, None] @ directions
 
     def lost(self, values: Floats) -> str:
         """Label of the first record whose run with these values diverges; "" of a single record."""
