@@ -159,7 +159,7 @@ def test_german_columns_are_told(tmp_path, measured, commanded, joints):
     [
         ("count_{}", "asked_{}", "torque_{}", "12"),
         ("enc{}", "cmd{}", "target_reached{}", "12"),
-        ("jointPosition{}", "jointTarget{}", "jointCommandCurrent{}", "12"),
+        ("{}Position", "{}Target", "{}CommandCurrent", ("upper", "rear")),
         ("{}_counts", "{}_ref", "{}_cmd_current", ("upper", "rear")),
         ("{}", "{}_target", "torque_{}", ("shoulder", "quill")),
     ],
