@@ -126,6 +126,17 @@ def test_warnings_come_first(found, tmp_path):
 
 
 @pytest.mark.slow
+def test_notes_stand_apart_from_the_warnings(found, tmp_path):
+    """They doubt no value: without a warning they accuse nothing."""
+    noted = dataclasses.replace(found)
+    # As a file keeps them.
+    noted.__dict__["_warnings"] = {"a line for any log.": False}
+    write_report(noted, tmp_path / "noted.html")
+    text = (tmp_path / "noted.html").read_text(encoding="utf-8")
+    assert "<h3>Warnings</h3>" not in text
+    assert "<h3>Notes</h3>\n<ul>\n<li>a line for any log.</li>" in text
+
+
 def test_a_card_with_a_cross_says_why_on_the_card(found, tmp_path):
     """Of a path that begins in motion, and of a probability that is not shown to be as low as
     was asked.
