@@ -125,7 +125,6 @@ def test_warnings_come_first(found, tmp_path):
     assert "✓" not in text[: text.index("<h3>Warnings</h3>")]
 
 
-@pytest.mark.slow
 def test_notes_stand_apart_from_the_warnings(found, tmp_path):
     """They doubt no value: without a warning they accuse nothing."""
     noted = dataclasses.replace(found)
@@ -137,6 +136,7 @@ def test_notes_stand_apart_from_the_warnings(found, tmp_path):
     assert "<h3>Notes</h3>\n<ul>\n<li>a line for any log.</li>" in text
 
 
+@pytest.mark.slow
 def test_a_card_with_a_cross_says_why_on_the_card(found, tmp_path):
     """Of a path that begins in motion, and of a probability that is not shown to be as low as
     was asked.
