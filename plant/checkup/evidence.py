@@ -7,7 +7,7 @@ import numpy as np
 
 from plant.checkup.filtered import centred
 from plant.checkup.hypothesis import Joints, columns_of
-from plant.checkup.quantisation import STEP_NOTE, grid
+from plant.checkup.quantisation import grid, noted_steps
 from plant.checkup.rounding import rounding_log_odds
 from plant.checkup.score import SETTINGS, Experiment
 from plant.checkup.stamps import chance_of_period
@@ -177,9 +177,9 @@ _UNSEEN = 2.5
 # -- evidence of other kinds -----------------------------------------------------------------------
 def rounding_evidence(experiment: Experiment, joints: Joints) -> Iterator[tuple[float, float]]:
     """Log odds of the convention that is not stated, by the width of the cell at zero."""
-    encoder, notes = experiment.record.rig.encoder, experiment.record.notes or {}
+    encoder = experiment.record.rig.encoder
     # Positions that were no whole pulses were rounded by the reader, not by a counter.
-    if encoder.smooth or any(STEP_NOTE.format(i) in notes for i in range(experiment.n)):
+    if encoder.smooth or noted_steps(experiment.record):
         return
     odds = rounding_log_odds(experiment.signals)
     if odds is not None:
@@ -429,8 +429,7 @@ def radian_evidence(experiment: Experiment, joints: Joints) -> Iterator[tuple[fl
 
 def edges_evidence(experiment: Experiment, joints: Joints) -> Iterator[tuple[float, float]]:
     """Log odds of lines that are stated in place of counts, or the reverse."""
-    chosen = columns_of(joints)
-    follows = experiment.signals.reference is None or experiment.signals.tracks[chosen].all()
+    follows = experiment.signals.tracks[columns_of(joints)].all()
     # Of some joints alone the motion is no evidence: the others' torques are coupled to them.
     if follows and len(joints) not in (0, experiment.n):
         return

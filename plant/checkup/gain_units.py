@@ -189,18 +189,16 @@ def _without(along, gain, joints, size):
 def _by_torque(experiment: Experiment, gain: str, joints: Joints, size: float) -> float:
     """How much likelier the logged torque is without a mistake of this size: log odds."""
     compared = experiment.once(_smoothed_torques)
-    # The law explains the torque: nothing is in another unit.
-    if (
-        compared is None
-        or (_unexplained(compared.logged, compared.law.torque) < SETTINGS.unexplained).all()
-    ):
+    if compared is None:
         return -np.inf
     stated, corrected = (
         _unexplained(compared.logged, torque)
         for torque in (compared.law.torque, _without(compared.law, gain, joints, size))
     )
-    # A factor that is no unit leaves as much unexplained: the mistake is another one.
-    if (corrected[columns_of(joints)] > SETTINGS.unexplained).any():
+    # A law that explains the torque has nothing in another unit. A factor that is no unit leaves as
+    # much unexplained: the mistake is another one.
+    right = (stated < SETTINGS.unexplained).all()
+    if right or (corrected[columns_of(joints)] > SETTINGS.unexplained).any():
         return -np.inf
     stated, corrected = (np.log(share + SCORE.steps) for share in (stated, corrected))
     gained = compared.equations / 2 * float((stated - corrected).sum())

@@ -114,7 +114,7 @@ def _step(signals, i):
 
     # 1. The file's positions came in steps, and were no whole counts. A wrong resolution scales all
     # joints alike; the ranges of normalised positions differ.
-    noted = _noted_steps(signals)
+    noted = noted_steps(signals.record)
     if i in noted:
         factor = f"gear times resolution appears to be {1 / noted[i]:.4g} times as stated"
         advice = (
@@ -157,10 +157,10 @@ def _step(signals, i):
     return check.graded(step, advice, look=1.02)
 
 
-def _noted_steps(signals):
+def noted_steps(record) -> dict[int, float]:
     """Steps [pulses] of the file's positions, by joint, where they were no whole pulses."""
-    notes = signals.record.notes or {}
-    labels = {i: STEP_NOTE.format(i) for i in range(signals.n)}
+    notes = record.notes or {}
+    labels = {i: STEP_NOTE.format(i) for i in range(record.n)}
     return {i: notes[label] for i, label in labels.items() if label in notes}
 
 

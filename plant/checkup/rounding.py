@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from plant.checkup.finding import Check, Finding
-from plant.checkup.quantisation import STEP_NOTE
+from plant.checkup.quantisation import noted_steps
 from plant.checkup.signals import Signals
 
 
@@ -63,12 +63,10 @@ def rounding_findings(signals: Signals) -> Iterator[Finding]:
     check = Check("rounding", None, "% fix")
     encoder = signals.rig.encoder
     stated = encoder.rounding
-    notes = signals.record.notes or {}
-    # Positions that were no whole pulses were rounded by the reader, not by a counter.
-    scaled = any(STEP_NOTE.format(i) in notes for i in range(signals.n))
     reason = "no joint passes zero clearly"
     fix = None
-    if scaled:
+    # Positions that were no whole pulses were rounded by the reader, not by a counter.
+    if noted_steps(signals.record):
         reason = "the positions are not in whole pulses"
     elif encoder.smooth:
         reason = "the encoder is said not to round"

@@ -308,9 +308,8 @@ def counted_edges(record: Any, joints: Joints, size: float) -> Any:
 
     Counts and torques stay; a reference that the counts follow as it is was counted, too.
     """
-    signals = Signals(record)
     factors = _factors(record, joints, size)
-    follows = signals.reference is None or signals.tracks[columns_of(joints)].all()
+    follows = Signals(record).tracks[columns_of(joints)].all()
     pulses = np.round(record.reference_pulses * (1.0 if follows else factors))
     record = with_reference(record, pulses)
     return with_encoder(record, resolution=record.rig.encoder.resolution * factors)
@@ -322,19 +321,15 @@ def counted_in_steps(record: Any, joints: Joints, size: float) -> Any:
     return with_encoder(undone, resolution=record.rig.encoder.resolution / size)
 
 
-def _gains(law):
-    """Names of the numbers that make torque of errors; a law without such names is refused."""
-    names = [name for name in ("gain", "integral", "derivative") if hasattr(law, name)]
-    if "gain" not in names:
-        raise ValueError(f"the law must have a gain; got {type(law).__name__}.")
-    return names
-
-
 def other_gain(record: Any, joints: Joints, size: float) -> Any:
     """Divide the gains of the law by a factor."""
-    factors = 1 / _factors(record, joints, size)
     law = record.law
-    changes = {name: factors * np.array(getattr(law, name)) for name in _gains(law)}
+    if not hasattr(law, "gain"):
+        raise ValueError(f"the law must have a gain; got {type(law).__name__}.")
+    factors = 1 / _factors(record, joints, size)
+    # The numbers that make torque of errors.
+    names = [name for name in ("gain", "integral", "derivative") if hasattr(law, name)]
+    changes = {name: factors * np.array(getattr(law, name)) for name in names}
     return replace(record, law=replace(law, **changes))
 
 
