@@ -101,12 +101,14 @@ def hardly_moving(record) -> Bools:
 
 
 def hardly_asked(record) -> Bools:
-    """Those of the hardly moving motors (n,) whose reference hardly moves either.
+    """Motors (n,) whose counts and reference both hardly move.
 
     Friction may hold them beside the reference, which is no mistake.
     """
-    reference = np.ptp(record.reference_pulses, axis=0)
-    return hardly_moving(record) & (reference < SETTINGS.hunting_range * LEAST_MOTION)
+    counts, reference = (
+        np.ptp(pulses, axis=0) for pulses in (record.counts, record.reference_pulses)
+    )
+    return np.maximum(counts, reference) < SETTINGS.hunting_range * LEAST_MOTION
 
 
 def in_step(speeds: Floats, least: float = SETTINGS.in_step) -> list[tuple[int, int]]:

@@ -48,7 +48,7 @@ class RoundingSettings:
     degrees: tuple[int, ...] = (3, 5, 7)
     crossings: int = 300
     least_crossings: int = 20
-    sure: float = 0.95
+    sure: float = 0.998
     neither: float = 4.0
     comparable: float = 3.0
     alike: float = 2.0
