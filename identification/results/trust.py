@@ -344,7 +344,8 @@ def _innovations(case):
         for record in result.records
     )
     factor = SETTINGS.between if sampled else SETTINGS.noise
-    expected = np.hypot(SETTINGS.innovation, factor * result.fit.noise_innovation)
+    rounding = max(SETTINGS.innovation, result.fit.rounding_innovation)
+    expected = np.hypot(rounding, factor * result.fit.noise_innovation)
     if rms is not None and rms > SETTINGS.innovation and simulated and case.replayed:
         yield (
             f"simulated over the whole log, the model departs from it by {rms:.3g} pulses (rms):"

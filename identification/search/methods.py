@@ -18,6 +18,7 @@ from identification.search.genetic import GeneticSettings, minimize_genetic
 from identification.search.memory import placed, repeating, with_memory, with_starts
 from identification.search.outcome import Fit, Outcome
 from identification.search.polish import (
+    FIT,
     arm_of_torques,
     excess_of_torque,
     polished,
@@ -226,14 +227,18 @@ def _searched(problem: Problem) -> Outcome:
     outcome = problem.checkpoint.stage("fit", lambda: polished(problem, result.x, step, stages))
     fit = outcome.fit
     resumed = _resumed(problem, fit)
-    neighbours, costs = _neighbours(resumed, fit)
     outcome = replace(outcome, genetic=result, evaluations=result.evaluations + outcome.evaluations)
-    if fit.fallback_reason is None and np.isfinite(costs.min()):
+    # Coarse steps alone leave some pulses of a fine encoder: finer ones have the last word.
+    for steps in (1, FIT.fine_steps):
+        judge = resumed.in_steps(steps)
+        neighbours, costs = _neighbours(judge, fit)
+        if fit.fallback_reason is not None or not np.isfinite(costs.min()):
+            break
         best = _with_best(outcome, neighbours, costs)
         # Objective (4) of parts, or of other starts, cannot be compared with that of the fit.
-        same = part is problem and resumed is problem
-        cost = result.cost if same else float(resumed.costs(result.x[None])[0])
-        if not _only_genetic(problem, best.fit, float(costs.min()), cost):
+        same = part is problem and judge is problem
+        cost = result.cost if same else float(judge.costs(result.x[None])[0])
+        if not _only_genetic(judge, best.fit, float(costs.min()), cost):
             return best
 
     # 4. The fit does not reproduce the errors: late counts explain that, or its values are wrong.

@@ -148,6 +148,9 @@ class Fit(Shown, Frozen):
         an upper bound where a controller's torque chatters. None where no torque was repeated.
     noise_innovation : float
         Root mean square of the innovations that this noise causes [pulses].
+    rounding_innovation : float
+        Root mean square of the innovations of simulated logs with these values [pulses], where the
+        loop of a log felt the rounding of its counts; else zero.
     """
 
     # The estimate itself.
@@ -171,6 +174,7 @@ class Fit(Shown, Frozen):
     # Noise of the torques that were repeated.
     torque_noise: Floats | None = None
     noise_innovation: float = 0.0
+    rounding_innovation: float = 0.0
 
     def _short(self) -> str:
         covariance = "no covariance" if self.covariance is None else "with covariance"

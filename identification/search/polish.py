@@ -87,6 +87,10 @@ class FitSettings:
     fine_steps : int
         Steps per sample of the integration for which the values are corrected: in log 146 of
         ``tests/benchmarks/any_rig.py`` 4 steps moved them by up to 7.9 deviations, 16 by 2.1.
+    coarse, near : float
+        Change of the innovations by finer steps [pulses, rms] above which the fit is made in these,
+        and RMS innovation below which it is: right logs at 10 ms changed by up to 1.2, others by
+        0.1 (rounding is 0.29).
     moved : float
         Change of a value, in standard deviations, below which they are not corrected.
     corrections : int
@@ -111,6 +115,8 @@ class FitSettings:
     refinements: int = 3
     # Integration in finer steps.
     fine_steps: int = 16
+    coarse: float = 0.14
+    near: float = 2.0
     moved: float = 0.2
     corrections: int = 2
 
@@ -309,11 +315,18 @@ def polished(
         if not len(solution.undetermined):
             solution = over_whole_deviations(prediction, solution, bounds)
 
+    # What coarse steps add to the innovations is no rounding, and bends the values.
+    if gains is not None and _is_coarse(problem, prediction, solution):
+        return polished(problem.in_steps(FIT.fine_steps), solution.values[:k], step, stages)
+
     # 3. Subtract the bias by rounding, where the loop of a log felt it; logs that are simulated for
     # it, in finer steps, have that of coarse steps as well.
     rounding = None
+    rounding_innovation = 0.0
     if prediction.rounds:
-        solution, rounding = _unbiased(prediction, solution, bounds, problem.seed)
+        solution, rounding, rounding_innovation = _unbiased(
+            prediction, solution, bounds, problem.seed
+        )
     # Weak directions of unknown memories belong to the steps that showed them.
     elif gains is not None and not any(problem.memories):
         solution = _in_fine_steps(problem, prediction, solution, bounds)
@@ -342,6 +355,7 @@ def polished(
         if problem.memories
         else (),
         gains=None if gains is None else solution.values[gains],
+        rounding_innovation=rounding_innovation,
     )
     outcome = _with_undetermined(outcome, prediction, solution)
     told = [memory.noise for memory in problem.memories if memory is not None]
@@ -564,18 +578,34 @@ def outcome_of(
     return Outcome(fit=fit, message=message, evaluations=prediction.evaluations, stages=stages)
 
 
-def _in_fine_steps(problem, prediction, solution, bounds):
-    """The solution of a model that is integrated in finer steps, by the slopes of coarse ones."""
-    if problem.options.get("steps_per_sample", 4) >= FIT.fine_steps:
-        return solution
-    # 1. The same problem in finer steps, with the scales and the prior of the coarse one.
-    options = problem.options | {"steps_per_sample": FIT.fine_steps}
-    fine = replace(problem, options=options).prediction(
-        zeros=problem.zeros, memories=problem.memories
-    )
+def _fine(problem, prediction):
+    """A prediction in finer steps, with its scales and prior; None of one that has them already."""
+    finer = problem.in_steps(FIT.fine_steps)
+    if finer is problem:
+        return None
+    fine = finer.prediction(zeros=problem.zeros, memories=problem.memories)
     fine.scales = prediction.scales
     fine.prior = prediction.prior
-    # 2. Newton steps by the slopes of coarse steps: those of fine ones would cost a search.
+    return fine
+
+
+def _is_coarse(problem, prediction, solution):
+    """Whether finer steps of the integration change the innovations by a part of a rounding."""
+    fine = _fine(problem, prediction)
+    if fine is None:
+        return False
+    change = fine.innovations(solution.values) * prediction.scales - solution.residual
+    rms = np.sqrt(dot(change, change) / dot(prediction.weights, prediction.weights))
+    # Where the log is far from any model, finer steps are no nearer to it.
+    return FIT.coarse < rms and solution.rms_innovation < FIT.near
+
+
+def _in_fine_steps(problem, prediction, solution, bounds):
+    """The solution of a model that is integrated in finer steps, by the slopes of coarse ones."""
+    fine = _fine(problem, prediction)
+    if fine is None:
+        return solution
+    # 1. Newton steps by the slopes of coarse steps: those of fine ones would cost a search.
     names = [prediction.unknown[i] for i in solution.varied]
     coarse = solution.residual / prediction.scales
     inverse = least_squares(names, solution.slopes, coarse, dependent=prediction.dependent)[1]
@@ -589,7 +619,7 @@ def _in_fine_steps(problem, prediction, solution, bounds):
             break
         values[solution.varied] += change
         values = np.clip(values, *bounds.T)
-    # 3. The values of coarse steps stay where finer ones do not follow the log more closely.
+    # 2. The values of coarse steps stay where finer ones do not follow the log more closely.
     if (values == solution.values).all():
         return solution
     innovations = fine.innovations(values)
@@ -607,8 +637,8 @@ def _unbiased(prediction, solution, bounds, seed):
     deviation. The scatter of the values of these logs shows the error of the covariance as far as
     innovations are rounding; the mean of both counts, since these logs have no other noise.
 
-    Returns the solution, and the weighted mean innovations (M,) of these logs, as far as they are
-    in the log; None of no log.
+    Returns the solution; the weighted mean innovations (M,) of these logs, as far as they are in
+    the log; and their RMS innovation [pulses]. None and zero of no log.
 
     Source: C. Gourieroux, A. Monfort, E. Renault, Indirect inference, Journal of Applied
     Econometrics 8, 1993.
@@ -621,7 +651,7 @@ def _unbiased(prediction, solution, bounds, seed):
     # The innovations of the log show at which rate its loop felt counts.
     logs = _rounded(prediction, values, shifts, solution.residual / prediction.scales)
     if not logs:
-        return solution, None
+        return solution, None, 0.0
 
     # 1. One linear step from the values to the fit of each simulated log; their mean is the bias.
     names = [prediction.unknown[i] for i in solution.varied]
@@ -651,7 +681,11 @@ def _unbiased(prediction, solution, bounds, seed):
     # Where the logs differ from the log, as at rest, their mean is no rounding of this log.
     mean = sum(logs) / len(logs) * prediction.scales
     share = dot(mean, solution.residual) / max(dot(mean, mean), 1e-300)
-    return unbiased, min(max(share, 0.0), 1.0) * mean
+    innovations = np.concatenate([log * prediction.scales for log in logs])
+    rms = np.sqrt(
+        dot(innovations, innovations) / (count * dot(prediction.weights, prediction.weights))
+    )
+    return unbiased, min(max(share, 0.0), 1.0) * mean, float(rms)
 
 
 def _rounded(prediction, values, shifts, residual):

@@ -237,6 +237,14 @@ class Problem:
             return False
         return True
 
+    def in_steps(self, count: int) -> Self:
+        """The same problem, whose model takes at least `count` steps per sample."""
+        if self.options.get("steps_per_sample", 4) >= count:
+            return self
+        options = self.options | {"steps_per_sample": count}
+        objective = Objective(self.dynamics, self.objective.records, self.unknown, **options)
+        return dataclasses.replace(self, objective=objective, options=options)
+
     def prediction(self, **settings: Any) -> Prediction:
         """`Prediction` of these unknowns in these records; `settings`: further arguments of it."""
         return Prediction(

@@ -107,7 +107,7 @@ def test_the_mean_of_simulated_logs_adds_its_own_variance(monkeypatch):
     for factor, low, high in ((1, 0.95, 1.3), (100, 1.1249, 1.1251)):
         residual = factor * logs[0] * prediction.scales
         noisy = dataclasses.replace(solution, residual=residual)
-        unbiased, mean = polish._unbiased(prediction, noisy, bounds, 0)
+        unbiased, mean, _ = polish._unbiased(prediction, noisy, bounds, 0)
         scale = np.diag(unbiased.covariance) / np.diag(solution.covariance)
         assert low < scale.min() <= scale.max() < high
         rounding = logs.mean(axis=0) * prediction.scales
