@@ -96,7 +96,8 @@ def identify(
     settings : GeneticSettings, optional
         By default `GeneticSettings.paper()`.
     steps_per_sample : int
-        Sub-steps of the model between two samples.
+        Sub-steps of the model between two samples, to begin with: the default method takes more
+        where these change its innovations by a part of a rounding.
     sweeps : int
         Sweeps of its friction law in each sub-step.
     threads : int, optional
@@ -283,6 +284,8 @@ def search(problem: Problem) -> Outcome:
 
 def _assess(problem: Problem, outcome: Outcome, started: float) -> Identification:
     """The result: the arm, and how well it repeats the records."""
+    # What the fit needed, its tests need as well.
+    problem = problem.in_steps(outcome.steps)
     # 1. Objective (4) of the values.
     # Methods do not store the prior; the result reports which combinations come from it.
     fit = replace(outcome.fit, prior=problem.prior)

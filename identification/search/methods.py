@@ -229,7 +229,7 @@ def _searched(problem: Problem) -> Outcome:
     resumed = _resumed(problem, fit)
     outcome = replace(outcome, genetic=result, evaluations=result.evaluations + outcome.evaluations)
     # Coarse steps alone leave some pulses of a fine encoder: finer ones have the last word.
-    for steps in (1, FIT.fine_steps):
+    for steps in (1, max(FIT.fine_steps, outcome.steps)):
         judge = resumed.in_steps(steps)
         neighbours, costs = _neighbours(judge, fit)
         if fit.fallback_reason is not None or not np.isfinite(costs.min()):

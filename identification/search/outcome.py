@@ -237,7 +237,8 @@ class Outcome(Frozen):
     (M,) or None: weighted innovations that the rounding of counts causes in every log of this
     motion, in the order of `Prediction`; None where it causes none, or was not simulated. `stages`:
     values (k,) of the stages before the last, by name. `grouped` (k,) or None: standard deviations
-    by the scatter between segments, where the tests use parts of a long log.
+    by the scatter between segments, where the tests use parts of a long log. `steps`: steps of the
+    model per sample; 1 where the method chose none.
     """
 
     fit: Fit
@@ -247,6 +248,7 @@ class Outcome(Frozen):
     rounding: Floats | None = None
     grouped: Floats | None = None
     stages: dict[str, Floats] = field(default_factory=dict)
+    steps: int = 1
 
 
 @kept

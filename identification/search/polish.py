@@ -89,8 +89,10 @@ class FitSettings:
         ``tests/benchmarks/any_rig.py`` 4 steps moved them by up to 7.9 deviations, 16 by 2.1.
     coarse, near : float
         Change of the innovations by finer steps [pulses, rms] above which the fit is made in these,
-        and RMS innovation below which it is: right logs at 10 ms changed by up to 1.2, others by
-        0.1 (rounding is 0.29).
+        and RMS innovation up to which it is. Rounding is 0.29; logs at 1 ms changed by 0.02 and
+        less, logs at 5 and 10 ms by up to 1.2, and their values by 27 deviations.
+    refined, finest : int
+        Ratio of the steps in which it is made again, and steps per sample from which on it is not.
     moved : float
         Change of a value, in standard deviations, below which they are not corrected.
     corrections : int
@@ -115,8 +117,10 @@ class FitSettings:
     refinements: int = 3
     # Integration in finer steps.
     fine_steps: int = 16
-    coarse: float = 0.14
+    coarse: float = 0.05
     near: float = 2.0
+    refined: int = 4
+    finest: int = 64
     moved: float = 0.2
     corrections: int = 2
 
@@ -317,7 +321,8 @@ def polished(
 
     # What coarse steps add to the innovations is no rounding, and bends the values.
     if gains is not None and _is_coarse(problem, prediction, solution):
-        return polished(problem.in_steps(FIT.fine_steps), solution.values[:k], step, stages)
+        finer_steps = problem.in_steps(FIT.refined * problem.steps)
+        return polished(finer_steps, solution.values[:k], step, stages)
 
     # 3. Subtract the bias by rounding, where the loop of a log felt it; logs that are simulated for
     # it, in finer steps, have that of coarse steps as well.
@@ -575,15 +580,18 @@ def outcome_of(
     )
     if on_bounds := ended_on_bounds(problem.unknown, fit.values, problem.bounds, solution.varied):
         message += f" The fit ends on a bound of {', '.join(on_bounds)}."
-    return Outcome(fit=fit, message=message, evaluations=prediction.evaluations, stages=stages)
+    return Outcome(
+        fit=fit,
+        message=message,
+        evaluations=prediction.evaluations,
+        stages=stages,
+        steps=problem.steps,
+    )
 
 
-def _fine(problem, prediction):
-    """A prediction in finer steps, with its scales and prior; None of one that has them already."""
-    finer = problem.in_steps(FIT.fine_steps)
-    if finer is problem:
-        return None
-    fine = finer.prediction(zeros=problem.zeros, memories=problem.memories)
+def _in_steps(problem, prediction, count):
+    """A prediction in so many steps per sample, with its scales and prior."""
+    fine = problem.in_steps(count).prediction(zeros=problem.zeros, memories=problem.memories)
     fine.scales = prediction.scales
     fine.prior = prediction.prior
     return fine
@@ -591,20 +599,20 @@ def _fine(problem, prediction):
 
 def _is_coarse(problem, prediction, solution):
     """Whether finer steps of the integration change the innovations by a part of a rounding."""
-    fine = _fine(problem, prediction)
-    if fine is None:
+    # Where the log is far from any model, finer steps are no nearer to it.
+    if problem.steps >= FIT.finest or solution.rms_innovation > FIT.near:
         return False
+    fine = _in_steps(problem, prediction, FIT.refined * problem.steps)
     change = fine.innovations(solution.values) * prediction.scales - solution.residual
     rms = np.sqrt(dot(change, change) / dot(prediction.weights, prediction.weights))
-    # Where the log is far from any model, finer steps are no nearer to it.
-    return FIT.coarse < rms and solution.rms_innovation < FIT.near
+    return rms > FIT.coarse
 
 
 def _in_fine_steps(problem, prediction, solution, bounds):
     """The solution of a model that is integrated in finer steps, by the slopes of coarse ones."""
-    fine = _fine(problem, prediction)
-    if fine is None:
+    if problem.steps >= FIT.fine_steps:
         return solution
+    fine = _in_steps(problem, prediction, FIT.fine_steps)
     # 1. Newton steps by the slopes of coarse steps: those of fine ones would cost a search.
     names = [prediction.unknown[i] for i in solution.varied]
     coarse = solution.residual / prediction.scales

@@ -237,13 +237,26 @@ class Problem:
             return False
         return True
 
+    @property
+    def steps(self) -> int:
+        """Steps of the model per sample."""
+        return int(self.options.get("steps_per_sample", 4))
+
     def in_steps(self, count: int) -> Self:
         """The same problem, whose model takes at least `count` steps per sample."""
-        if self.options.get("steps_per_sample", 4) >= count:
+        if self.steps >= count:
             return self
         options = self.options | {"steps_per_sample": count}
-        objective = Objective(self.dynamics, self.objective.records, self.unknown, **options)
-        return dataclasses.replace(self, objective=objective, options=options)
+
+        def in_steps(objective: Objective) -> Objective:
+            return Objective(self.dynamics, objective.records, objective.unknown, **options)
+
+        return dataclasses.replace(
+            self,
+            options=options,
+            objective=in_steps(self.objective),
+            held_out=None if self.held_out is None else in_steps(self.held_out),
+        )
 
     def prediction(self, **settings: Any) -> Prediction:
         """`Prediction` of these unknowns in these records; `settings`: further arguments of it."""

@@ -28,7 +28,7 @@ from plant import (
     Rig,
 )
 
-SUB = 24  # sub-steps of a sample: of second order, so a delay below 1/500 of a sample
+SUB = 24  # sub-steps of a millisecond: of second order, so a delay below 1/500 of a sample
 KINDS = ("ordinary", "ordinary", "at rest", "collinear")
 
 
@@ -42,12 +42,17 @@ class Case(NamedTuple):
     about: str
 
 
-def drawn(seed, *, torque=None):
-    """The case of this seed; `torque` decides whether its log has one, by default chance."""
+def drawn(seed, *, torque=None, period=None):
+    """The case of this seed.
+
+    `torque` decides whether its log has one, and `period` [s] how often it is sampled; by default
+    chance does.
+    """
     random = np.random.default_rng([60, seed])
     chain = _chain(random)
     kind = KINDS[random.integers(len(KINDS))]
-    period = float(random.choice([5e-4, 1e-3]))
+    chance = float(random.choice([5e-4, 1e-3]))
+    period = chance if period is None else period
     path = _path(chain, kind, random)
     rig, springs = _rig(chain, path, period, random)
     whole = Dynamics.from_chain(chain.with_rotors(rig.drive))
@@ -236,12 +241,13 @@ def log_of(chain, rig, springs, law, path, duration):
     )
     samples = round(duration / period)
     t = period * np.arange(samples)
-    between = period / SUB * (np.arange(samples * SUB) + 0.5)
+    steps = SUB * max(1, round(period / 1e-3))
+    between = period / steps * (np.arange(samples * steps) + 0.5)
     motion = path(t)
     reference, finer = (np.floor(q * counts) for q in (motion.q, path(between).q))
     counted, torque = engine.run(
         bodies_of(chain), machine, _controller(law, drive.gear),
-        motion.q[0], motion.qd[0], reference, finer, period, SUB,
+        motion.q[0], motion.qd[0], reference, finer, period, steps,
     )  # fmt: skip
     return Record(
         t=t,
