@@ -169,15 +169,15 @@ class Diagnostics(Shown, Frozen):
         runs = _runs(problem, fit, objectives, costs)
         looped = not any(in_open_loop(objective.records) for objective in objectives)
         doubted = _doubted(runs, objectives) and looped
-        if doubted and problem.options.get("steps_per_sample", 4) < FINE.fine_steps:
+        if doubted and problem.steps < FINE.fine_steps:
             # Coarse steps alone leave some pulses of a fine encoder: no fault of the log.
-            finer = problem.options | {"steps_per_sample": FINE.fine_steps}
+            finer = problem.in_steps(FINE.fine_steps)
             again = [
-                Objective(problem.dynamics, objective.records, objective.unknown, **finer)
+                Objective(problem.dynamics, objective.records, objective.unknown, **finer.options)
                 for objective in objectives
             ]
             fine_costs = [_cost(fit, objective) for objective in again]
-            fine = _runs(replace(problem, options=finer), fit, again, fine_costs)
+            fine = _runs(finer, fit, again, fine_costs)
             doubted = _doubted(fine, again)
             runs = runs if doubted else fine
         if doubted and problem.method not in ROUGH:

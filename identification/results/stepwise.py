@@ -73,12 +73,12 @@ def detect(problem: Problem, fit: Fit, outcome: Outcome, delay: float = 0.0) -> 
     try:
         search = _Search(problem, fit, outcome.rounding)
         # A delay from another test is taken for real: it needs no check at finer steps.
-        coarse = not delay and problem.options.get("steps_per_sample", 4) < SETTINGS.fine_steps
+        coarse = not delay and problem.steps < SETTINGS.fine_steps
         detection = search.detection(delay, coarse=coarse)
         if detection is None:
             # Begin at the optimum of the coarse steps, which is close.
-            options = problem.options | {"steps_per_sample": SETTINGS.fine_steps}
-            search = _Search(replace(problem, options=options), fit, outcome.rounding, search.at)
+            finer = problem.in_steps(SETTINGS.fine_steps)
+            search = _Search(finer, fit, outcome.rounding, search.at)
             detection = search.detection(delay)
         doubt = search.doubt()
         added = doubt.added(problem.tolerances)
