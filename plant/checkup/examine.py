@@ -161,7 +161,7 @@ def _backlash(signals, i):
         return check.unknown(f"known to +-{std:.2g} pulses only", backlash)
     if signals.reference is not None:
         # A stiff loop holds the motor in place while the gear is loose.
-        return check.unknown("none seen, but a position loop hides it", backlash)
+        return check.unknown("no clear sign, but a position loop hides it", backlash)
     return check.fine(backlash)
 
 

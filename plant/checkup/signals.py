@@ -153,7 +153,7 @@ class Signals:
     def no_torque(self) -> str:
         """Reason why no check of torques is possible; empty where there are some."""
         if self.motor_torque is None:
-            return "neither torque nor current, and no law that tells it"
+            return "neither torque nor current, and none that follows from the law alone"
         return ""
 
     @functools.cached_property
