@@ -28,7 +28,8 @@ class WeakDirectionSettings:
         Share below which the slope of a direction is simulated: slopes of single unknowns are exact
         to about a thousandth.
     remembered : float
-        The same beside an unknown state of a law, whose slopes cancel by design.
+        The same where the state of a law before the log is unknown: its slope, such as that of an
+        integral, nearly cancels with others.
     determined : float
         Share below which a direction is not determined by the readings. A direction that is
         simulated over a short way is exact to some 1e-8; along a log of a PID loop that began
@@ -83,7 +84,7 @@ def with_weak_directions(
     varied : (v,) numpy.ndarray
         Places of the unknowns that are varied.
     slopes : (M, v) numpy.ndarray
-        Change of the innovations per step; it may be overwritten.
+        Change of the innovations per step.
 
     Raises
     ------
@@ -96,7 +97,8 @@ def with_weak_directions(
     # An unknown that does not act at all is named by the least squares.
     if not lengths.all():
         return Slopes(slopes, none)
-    # Expected values far below the accuracy of a slope need directions that are exact.
+    # A residual with expected values of a law's state, which are rows without a reading, has a low
+    # limit of dependence. They weigh so little that an error of a slope would outweigh them.
     expected = residual.dependent < IDENTIFIABLE.products
     weak = SETTINGS.remembered if expected else SETTINGS.measured
     if np.linalg.eigvalsh(_products(slopes, readings, lengths))[0] >= weak**2:

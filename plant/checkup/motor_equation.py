@@ -45,8 +45,8 @@ RIDGE = 1e-9
 class Equation(NamedTuple):
     """Columns of a motor's equation of motion at the compared rows.
 
-    Acceleration, speed and its sign (M, 3); columns of other terms (M, k), the other motors'
-    accelerations before them; the torque (M,) [N m].
+    `own` (M, 3): acceleration, speed and its sign. `free` (M, f): accelerations of the other
+    motors, then a constant, gravity and inertias that depend on the pose. `torque` (M,) [N m].
     """
 
     own: Floats
@@ -57,8 +57,9 @@ class Equation(NamedTuple):
 class Columns:
     """Columns of the equations of all motors; a torque makes an `Equation` of them.
 
-    `counts`: the filtered ones of each joint. A motion that no loop holds `swings`: it has large
-    accelerations and small torques, and noise of the one hides the other unless both are averaged.
+    `counts`: filtered counts of the encoders, one per joint. `swings`: whether no loop holds the
+    arm. Torques are then small beside the noise of the accelerations, so all columns are averaged
+    over windows.
     """
 
     def __init__(
@@ -140,8 +141,10 @@ class Motion(NamedTuple):
             return nothing
         torque = centred(torque)
         speed = own[:, 1]
-        # An average over much of a swing has friction of a known sign in all its rows.
-        rows = np.abs(speed) > REGRESSION.slow * np.sqrt(np.mean(speed**2)) * closed
+        # In a loop slow rows are left out, where the sign of friction is not sure; averaged rows of
+        # a swing are all kept.
+        slowest = REGRESSION.slow * np.sqrt(np.mean(speed**2)) if closed else 0.0
+        rows = np.abs(speed) > slowest
         size = float(np.mean(torque[rows] ** 2)) if rows.sum() > free.shape[1] + 3 else 0.0
         if not size:
             return nothing
@@ -156,12 +159,12 @@ class Motion(NamedTuple):
         across = squares[k:-1][:, own_and_torque]
         by_free = np.linalg.solve(squares[k:-1, k:-1] + RIDGE * np.eye(free.shape[1]), across)
         reduced = squares[np.ix_(own_and_torque, own_and_torque)] - across.T @ by_free
-        # 2. The likeliest coefficients that are not negative: of some of the columns.
+        # 2. The likeliest coefficients that are not negative.
         value, residual = _not_negative(reduced)
-        # Late counts in a loop add torque in proportion to speed: the part that the speed explains
-        # is no merit of a hypothesis.
+        # Late counts in a loop add torque in proportion to speed. The part that speed explains is
+        # left out of the variance that a hypothesis about the rig has to explain.
         by_speed = squares[1, -1] ** 2 / max(squares[1, 1], RIDGE) if closed else 0.0
-        beside_speed = max(squares[-1, -1] - by_speed, RIDGE * size)
+        variance = max(squares[-1, -1] - by_speed, RIDGE * size)
         # 3. The coefficients of the free columns beside those, and standard deviations of all.
         coupling = (by_free[:, -1] - by_free[:, :k] @ value)[:others]
         std = _deviations(squares, table, residual / independent)
@@ -171,8 +174,8 @@ class Motion(NamedTuple):
             *inertia,
             *viscous,
             *coulomb,
-            unexplained=min(max(residual, 0.0) / beside_speed, 1.0),
-            beside_speed=beside_speed / squares[-1, -1],
+            unexplained=min(max(residual, 0.0) / variance, 1.0),
+            beside_speed=variance / squares[-1, -1],
             coupling=value[k:],
             coupling_std=std[k:],
         )
@@ -185,7 +188,7 @@ def _not_negative(squares):
     """
     k = len(squares) - 1
     value, least = np.zeros(k), squares[-1, -1]
-    # Of three columns there are seven choices; all of them is the usual one.
+    # All columns usually fit; else the best of the largest subsets that do.
     for count in range(k, 0, -1):
         for chosen in map(list, itertools.combinations(range(k), count)):
             inner = squares[np.ix_(chosen, chosen)] + RIDGE * np.eye(count)

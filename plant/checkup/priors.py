@@ -33,8 +33,8 @@ class PriorSettings:
         Relative standard deviation of the largest coupling of two motors, since inertias are means
         over poses.
     surest : float
-        Square of the standard deviations of one coupling that count, at most: what the regression
-        lacks is not normally distributed.
+        Largest square of the number of standard deviations by which an inertia or a coupling passes
+        its limit: errors of a model have heavier tails than a normal distribution.
     friction_spread : float
         Standard deviation of the logarithm of friction over the stated one.
     guessed, guess_spread : float
@@ -119,9 +119,9 @@ def _friction_prior(friction: float, std: float, stated: float) -> float:
 def _likeliest(
     value: float, std: float, usual: float, log_prior: Callable[[Floats], Floats]
 ) -> float:
-    """Log likelihood of an estimate and of a positive quantity with a prior, at the likeliest one.
+    """Largest log likelihood, over positive true values, of an estimate and of the prior.
 
-    An estimate that is not significant takes nothing from the prior's `usual` value.
+    The prior's `usual` value is tried, too, so that an uncertain estimate costs nothing.
     """
     quantity = np.append(value + std * _DEVIATIONS, usual)
     quantity = quantity[quantity > 0]
@@ -145,7 +145,7 @@ def _coupling_prior(motions: Sequence[Motion]) -> Floats:
     bound = np.outer(largest, largest)
     known = away & np.isfinite(bound) & np.isfinite(std + std.T)
     symmetric = np.where(known, coupling + coupling.T, 0.0)[known] / 2
-    # The matrix is symmetric; what is not is an error of the regression.
+    # The true matrix is symmetric: half of the difference of two entries is an error, too.
     spread = np.sqrt(
         (std**2 + std.T**2)[known]
         + (coupling[known] - symmetric) ** 2
