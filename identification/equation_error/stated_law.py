@@ -73,7 +73,8 @@ def torque_apart(record: Record) -> Floats | None:
     logged, torque = compared
     difference = torque - logged
     squares = np.mean(difference**2, axis=0)
-    # The noise of a current sensor is no other law; where all is white, its size is a sample's.
+    # The noise of a current sensor is no other law. What a white difference has beyond the estimate
+    # of its noise is an error of that estimate.
     noise = independent_noise(logged, torque, held=_is_held(record))
     excess = np.where(is_white(difference) & (noise > 0), 0.0, squares - noise**2)
     distance = np.sqrt(np.maximum(excess, 0))

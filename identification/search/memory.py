@@ -89,6 +89,7 @@ def with_memory(problem: Problem, fitted: Callable[[Problem], Outcome]) -> Outco
     # likelier one.
     running = any(map(in_motion, problem.objective.records))
     # Where no reading tells, neither is simpler: the state lies where the law keeps it at work.
+    # So it is also where the readings tell much less of the values once the state is open.
     untold = bool(resumed.fit.undetermined)
     untold |= bool((WEAK.determined * resumed.fit.std > began.fit.std).any())
     running |= untold and any(

@@ -92,7 +92,8 @@ class FitSettings:
         and RMS innovation up to which it is. Rounding is 0.29; logs at 1 ms changed by 0.02 and
         less, logs at 5 and 10 ms by up to 1.2, and their values by 27 deviations.
     refined, finest : int
-        Ratio of the steps in which it is made again, and steps per sample from which on it is not.
+        Ratio of the numbers of steps of two such fits, and steps per sample from which on no finer
+        ones are tried.
     moved : float
         Change of a value, in standard deviations, below which they are not corrected.
     corrections : int

@@ -248,14 +248,14 @@ class Problem:
             return self
         options = self.options | {"steps_per_sample": count}
 
-        def in_steps(objective: Objective) -> Objective:
+        def refined(objective: Objective) -> Objective:
             return Objective(self.dynamics, objective.records, objective.unknown, **options)
 
         return dataclasses.replace(
             self,
             options=options,
-            objective=in_steps(self.objective),
-            held_out=None if self.held_out is None else in_steps(self.held_out),
+            objective=refined(self.objective),
+            held_out=None if self.held_out is None else refined(self.held_out),
         )
 
     def prediction(self, **settings: Any) -> Prediction:
