@@ -27,6 +27,8 @@ from plant.simulation.clock import Clock
 # Samples of a path that are evaluated at once: a motion takes much memory meanwhile.
 _AT_ONCE = 1 << 16
 
+_ROUNDING = 1 / np.sqrt(12)  # standard deviation of a rounded count [pulses]
+
 
 @frozen_settings
 class PathSettings:
@@ -40,10 +42,11 @@ class PathSettings:
         Samples of the longest log that is rebuilt.
     missed : float
         Share of the samples that may have another count than the log, which rounding explains.
-    start : int
-        Samples from which a parabola gives the initial speed.
-    degrees : tuple of int
-        Degrees of the polynomials, each through samples in proportion, the least noise first.
+    stretches : tuple of (int, int, float)
+        Polynomials that may give the initial speed, the least noise first: degree, number of
+        samples, and how many standard deviations of rounding the speed must exceed. A joint that
+        bends much within the long stretches is fast, or has just been switched on: a first count
+        that is off by 5 must not look like a speed (test_simulator.py).
     deviation : float
         Largest deviation of these samples' counts from them [pulses] that rounding explains.
     speed : float
@@ -54,8 +57,12 @@ class PathSettings:
     shortest: int = 50
     longest: int = 100_000
     missed: float = 0.05
-    start: int = 10
-    degrees: tuple[int, ...] = (2, 4)
+    stretches: tuple[tuple[int, int, float], ...] = (
+        (2, 10, 0.0),
+        (4, 20, 0.0),
+        (4, 10, 12.0),
+        (4, 8, 12.0),
+    )
     deviation: float = 1.5
     speed: float = 0.5
 
@@ -286,27 +293,32 @@ def _initial_speed(record: Record) -> Floats:
     """Initial speed (n,) [rad/s] of a polynomial through the counts of the start.
 
     Zero where they hardly move, or where a controller was switched on: there they are on no
-    polynomial.
+    polynomial, or a short one shows no speed.
     """
     polynomial = np.polynomial.polynomial
     speed = np.zeros(record.n)
+    speeds = []
     decided = np.zeros(record.n, bool)
-    counts = record.counts[: SETTINGS.start]
-    if len(counts) < SETTINGS.start or (np.ptp(counts, axis=0) <= 1).all():
+    longest = int(np.argmax([samples for _, samples, _ in SETTINGS.stretches]))
+    _, enough, _ = SETTINGS.stretches[0]
+    if len(record) < enough or (np.ptp(record.counts[:enough], axis=0) <= 1).all():
         return speed
-    # A record that repeats its log has no controller that was switched on.
-    replayed = record.law is not None and bool(record.law.replays)
-    # A parabola has the least noise; a fine encoder shows that the acceleration changes.
-    for degree in SETTINGS.degrees:
-        counts = record.counts[: SETTINGS.start * degree // 2]
+    for degree, samples, deviations in SETTINGS.stretches:
+        counts = record.counts[:samples]
         # In units of the stretch, so that the fit is well conditioned.
         t = record.t[: len(counts)] - record.t[0]
         scale = t[-1]
         coefficients = polynomial.polyfit(t / scale, counts, degree)
         off = np.abs(polynomial.polyval(t / scale, coefficients).T - counts).max(axis=0)
-        near = (off <= SETTINGS.deviation) | (replayed and degree == SETTINGS.degrees[-1])
-        speed = np.where(near & ~decided, coefficients[1] / scale, speed)
+        noise = np.linalg.norm(np.linalg.pinv(polynomial.polyvander(t / scale, degree))[1])
+        near = off <= SETTINGS.deviation
+        near &= np.abs(coefficients[1]) >= deviations * _ROUNDING * noise
+        speeds.append(coefficients[1] / scale)
+        speed = np.where(near & ~decided, speeds[-1], speed)
         decided |= near
+    # A record that repeats its log has no controller that was switched on.
+    if record.law is not None and record.law.replays:
+        speed = np.where(decided, speed, speeds[longest])
     return record.rig.to_angle(speed)
 
 

@@ -31,6 +31,7 @@ from plant.simulation.simulator import run
 ARM, RIG, LAW, PATH = puma560.arm(), puma560.rig(), puma560.p_law(), puma560.reference()
 F = puma560.PUBLISHED
 PERIOD = 0.7e-3
+COUNT = np.abs(np.diag(RIG.to_angle(np.eye(2))))  # [rad]
 
 
 def equation_6(t):
@@ -427,3 +428,34 @@ def test_a_record_without_a_law_begins_at_the_speed_of_its_counts():
     # The counts are whole pulses: within a tenth of the speed that the joints really had.
     np.testing.assert_allclose(qd, moving.true_qd[0], rtol=0.1, atol=0.02)
     assert np.abs(q - moving.true_q[0]).max() < 1e-3
+
+
+def a_log_of(q, period):
+    """Of a controller that holds zero while its joints move along q (N, 2)."""
+    counts = RIG.counts(q)
+    rig = dataclasses.replace(RIG, period=period)
+    t = period * np.arange(len(q))
+    return Record(
+        t=t, reference_pulses=np.zeros_like(counts), error_pulses=-counts, rig=rig, law=LAW
+    )
+
+
+@pytest.mark.parametrize("rate", [10.0, 25.0, 40.0])
+def test_a_fast_joint_that_is_sampled_slowly_starts_at_its_speed(rate):
+    """It bends within 10 samples of 5 ms by more than a parabola does; the truth is a sine."""
+    t = 5e-3 * np.arange(100)
+    q = np.column_stack([0.1 * np.sin(rate * t + 0.5), 0.2 * np.cos(rate * t + 0.5)])
+    qd = np.array([0.1 * rate * np.cos(0.5), -0.2 * rate * np.sin(0.5)])
+    log = a_log_of(q, 5e-3)
+    _, speed = start_of(log, path_of(log))
+    assert (np.abs(speed - qd) < 5 * COUNT / 5e-3).all()
+
+
+@pytest.mark.parametrize("rate", [60.0, 300.0, 400.0])
+def test_a_joint_that_a_controller_sets_in_motion_starts_at_rest(rate):
+    """Fast oscillations that begin at a turning point are on no long polynomial either."""
+    t = 1e-3 * np.arange(100)
+    q = np.column_stack([0.02 * np.cos(rate * t), 0.01 * np.cos(rate * t)])
+    log = a_log_of(q, 1e-3)
+    _, speed = start_of(log, path_of(log))
+    assert (np.abs(speed) < 0.5 * COUNT / 1e-3).all()
