@@ -24,12 +24,12 @@ from identification.equation_error.stated_law import torque_apart
 from identification.replay.objective import Objective
 from identification.replay.timing import delay_of, is_late
 from identification.results.detection import Detection
-from identification.results.stepwise import SETTINGS as FINE
 from identification.results.stepwise import detect
 from identification.results.with_arm import OF_RECORDS
 from identification.search.memory import placed, repeating
 from identification.search.methods import prediction_error
 from identification.search.outcome import Fit, Outcome
+from identification.search.polish import FIT
 from identification.search.predictive import (
     ROUGH,
     Predicted,
@@ -169,9 +169,9 @@ class Diagnostics(Shown, Frozen):
         runs = _runs(problem, fit, objectives, costs)
         looped = not any(in_open_loop(objective.records) for objective in objectives)
         doubted = _doubted(runs, objectives) and looped
-        if doubted and problem.steps < FINE.fine_steps:
+        if doubted and problem.steps < FIT.finest:
             # Coarse steps alone leave some pulses of a fine encoder: no fault of the log.
-            finer = problem.in_steps(FINE.fine_steps)
+            finer = problem.in_steps(FIT.refined * problem.steps)
             again = [
                 Objective(problem.dynamics, objective.records, objective.unknown, **finer.options)
                 for objective in objectives

@@ -16,7 +16,7 @@ from identification.results.refits import compared
 from identification.results.with_arm import BY_NAME, HYPOTHESES, NUMBERS
 from identification.search.memory import as_tested
 from identification.search.outcome import Fit, Outcome
-from identification.search.polish import start_of_fit, torque_fit
+from identification.search.polish import FIT, start_of_fit, torque_fit
 from identification.search.problem import Problem, in_parts, rows_of_parts
 from plant.checkup.hypothesis import Candidate, SelectionSettings, beside, select
 from plant.parts.fields import Floats
@@ -33,10 +33,6 @@ class StepwiseSettings:
 
     Parameters
     ----------
-    fine_steps : int
-        Steps per sample at which a significant test is made again, since it may be an error of
-        integration: 4 steps under a soft P loop looked like gears of 222 Hz, with odds of 1e21, and
-        16 leave a chi-square of 7 (seed 137 of ``any_rig.py``).
     promising : float
         Share of what the best first estimate explains from which on a cause is fitted: fits take
         time.
@@ -50,7 +46,6 @@ class StepwiseSettings:
         ``docs/background/intervals.md``).
     """
 
-    fine_steps: int = 16
     promising: float = 0.2
     contending: float = 0.5
     step: float = 0.05
@@ -73,11 +68,13 @@ def detect(problem: Problem, fit: Fit, outcome: Outcome, delay: float = 0.0) -> 
     try:
         search = _Search(problem, fit, outcome.rounding)
         # A delay from another test is taken for real: it needs no check at finer steps.
-        coarse = not delay and problem.steps < SETTINGS.fine_steps
+        coarse = not delay and problem.steps < FIT.finest
         detection = search.detection(delay, coarse=coarse)
         if detection is None:
-            # Begin at the optimum of the coarse steps, which is close.
-            finer = problem.in_steps(SETTINGS.fine_steps)
+            # A significant test may be an error of integration: 4 steps under a soft P loop looked
+            # like gears of 222 Hz, with odds of 1e21, and 16 leave a chi-square of 7 (seed 137 of
+            # ``any_rig.py``). Begin at the optimum of the coarse steps, which is close.
+            finer = problem.in_steps(FIT.refined * problem.steps)
             search = _Search(finer, fit, outcome.rounding, search.at)
             detection = search.detection(delay)
         doubt = search.doubt()
