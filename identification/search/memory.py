@@ -131,6 +131,9 @@ def _refuted(fresh, began, resumed, memories, *, running):
 
     Source: G. Schwarz, Estimating the dimension of a model, Annals of Statistics 6, 1978.
     """
+    # With fewer readings and more unknowns a fit is no worse, unless its search ended too early.
+    if not running and began.rms_innovation <= resumed.rms_innovation:
+        return False
     try:
         simple = _at_gains(fresh, began, resumed.gains)
     except ValueError:  # with these gains it does not follow the log
