@@ -40,10 +40,11 @@ class LawMemorySettings:
     ----------
     alike : int
         First samples of a log, on whose straight line the arm is taken to have moved before it.
+    closest : int
+        The first of them, on whose parabola it has moved where it bends.
     bent : float
-        Largest distance of their counts from this line [pulses] from which on the arm is taken to
-        have moved on a parabola. Rounding alone makes 1; a joint of log 11 of ``any_rig.py
-        --period 0.005`` is 170 off.
+        Largest distance of the counts from their line [pulses] that is no bend. Rounding alone
+        makes 1; a joint of log 11 of ``any_rig.py --period 0.005`` is 170 off.
     initial_torque : float
         Largest torque that a change of state makes in the first samples alone, relative.
     finer : float
@@ -66,6 +67,7 @@ class LawMemorySettings:
     """
 
     alike: int = 10
+    closest: int = 6
     bent: float = 1.5
     initial_torque: float = 0.03
     finer: float = 2.2
@@ -269,7 +271,8 @@ def _extended(since, column, back):
     counts = column[0] + line[1] * back[:, None]
     # A joint that a long sample, or a fine encoder, shows to bend has bent before, too.
     bent = np.abs(polynomial.polyval(since, line).T - column).max(axis=0) > SETTINGS.bent
-    parabola = polynomial.polyfit(since, column, 2)
+    first = slice(SETTINGS.closest)
+    parabola = polynomial.polyfit(since[first], column[first], 2)
     return np.rint(np.where(bent, polynomial.polyval(back, parabola).T, counts))
 
 

@@ -291,10 +291,12 @@ def polished(
     stages: dict[str, Floats],
     *,
     simulated: bool = False,
+    nuisances: Floats | None = None,
 ) -> Outcome:
     """Prediction-error fit from a start (output-error fit, if simulated).
 
     The values are those of the start where D(q) of the fit leaves less than the motors' inertia.
+    `nuisances` (m,): where those of the prediction begin; by default where the log shows them.
     """
     prediction = problem.prediction(
         simulated=simulated, zeros=problem.zeros, memories=problem.memories
@@ -307,9 +309,9 @@ def polished(
     gains = None if simulated else slice(k, k + 2 * problem.dynamics.n)
 
     # 2. Fit, then weigh records and joints by the innovations that the fit leaves.
-    solution = _searched(
-        problem, prediction, np.append(start, prediction.nuisances), steps, bounds, gains
-    )
+    if nuisances is None:
+        nuisances = prediction.nuisances
+    solution = _searched(problem, prediction, np.append(start, nuisances), steps, bounds, gains)
     solution = reweighed(prediction, solution, steps, bounds)
     # A direction that no reading determines keeps the steps that showed it.
     if any(problem.memories) and not len(solution.undetermined):
@@ -323,7 +325,9 @@ def polished(
     # What coarse steps add to the innovations is no rounding, and bends the values.
     if gains is not None and _is_coarse(problem, prediction, solution):
         finer_steps = problem.in_steps(FIT.refined * problem.steps)
-        return polished(finer_steps, solution.values[:k], step, stages)
+        # A weight and the integral that holds it are found together, and go on together.
+        values, nuisances = np.split(solution.values, [k])
+        return polished(finer_steps, values, step, stages, nuisances=nuisances)
 
     # 3. Subtract the bias by rounding, where the loop of a log felt it; logs that are simulated for
     # it, in finer steps, have that of coarse steps as well.

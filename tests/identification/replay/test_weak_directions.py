@@ -40,6 +40,22 @@ def test_what_cancels_is_simulated_as_a_whole(share):
     assert np.abs(rough[:, 0] - rough[:, 1] + share * rest).max() > 2 * share
 
 
+def test_beside_a_state_before_the_log_slopes_are_less_exact():
+    """A direction that no reading determines, whose rough slope is 3 % of its unknowns'."""
+    random = np.random.default_rng(5)
+    common, other, error = random.normal(size=(3, 500))
+    matrix = np.column_stack([common, common, other])
+    # The last row expects a value of the second unknown, and is no reading.
+    matrix = np.vstack([matrix, [0.0, 1e-3, 0.0]])
+    rough = matrix + 0.04 * np.column_stack([np.append(error, 0), np.zeros((501, 2))])
+    residual = Linear(matrix)
+    residual.weights = np.append(np.ones(500), 0.0)
+    residual.dependent = 1e-12
+    _, undetermined = with_weak_directions(residual, np.ones(3), np.ones(3), np.arange(3), rough)
+    (direction,) = undetermined / np.abs(undetermined).max()
+    np.testing.assert_allclose(np.abs(direction), [1, 1, 0], atol=1e-3)
+
+
 def test_good_slopes_cost_no_simulation():
     matrix = np.random.default_rng(4).normal(size=(300, 3))
     residual = Linear(matrix)

@@ -34,6 +34,30 @@ def test_no_value_is_off_by_five_deviations_unless_something_is_said(seed):
     assert np.abs((estimate.fit.values - case.truth) / estimate.fit.std).max() < 5
 
 
+@pytest.mark.parametrize(
+    "seed", [0, 14, *(pytest.param(s, marks=pytest.mark.slow) for s in (7, 11))]
+)
+def test_a_right_log_of_5_ms_is_accused_of_nothing(seed):
+    """14, 7: a fast joint began at rest. 11: a filter had followed a straight line. 0: its fit of
+    a controller at work ended early, and stood for the fit of the one that had begun.
+    """
+    case = drawn(seed, period=5e-3)
+    estimate = identify(case.dynamics, case.record, unknown=case.unknown, progress=False)
+    assert estimate.doubts == []
+    assert np.abs((estimate.fit.values - case.truth) / estimate.fit.std).max() < 5
+
+
+@pytest.mark.slow
+def test_a_weight_and_its_integral_go_on_together_in_finer_steps():
+    """Without the integral the finer fit left the log; with rough slopes it knew the weight."""
+    case = drawn(13, period=5e-3)
+    with pytest.warns(UserWarning, match="not separately identifiable"):
+        estimate = identify(case.dynamics, case.record, unknown=case.unknown, progress=False)
+    assert estimate.fit.rms_innovation < 0.31
+    assert estimate.fit.undetermined == (("m_j0", "J_j0"),)
+    assert np.abs((estimate.fit.values - case.truth) / estimate.fit.std).max() < 5
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", [96, 106])
 def test_counts_that_fast_hardware_felt_are_no_lag_of_its_torques(seed):

@@ -10,7 +10,8 @@ import pytest
 
 from ctc import ComputedTorque
 from identification import identify
-from plant import PD, PID, Cascade, Resumed, puma560, simulate
+from identification.equation_error.law_memory import at_work, reading
+from plant import PD, PID, Cascade, Record, Resumed, puma560, simulate
 from plant.laws.resumed import AlongLog
 from plant.simulation.law_run import run_law
 
@@ -137,3 +138,26 @@ def test_a_fast_law_with_a_memory_is_refused_without_its_reference():
     ) as caught:
         identify(ARM.dynamics, record, progress=False)
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("rate", [1.0, 4.0])
+def test_a_filter_that_was_at_work_remembers_the_motion_before_the_log(rate):
+    """As it was left by the run that the log is cut from, at 5 ms, slowly and fast."""
+    law = PD(gain=(0.1, 0.075), derivative=(4e-4, 3e-4), filter=400.0, period=5e-3)
+    t = 5e-3 * np.arange(400)
+    q = np.column_stack([np.sin(rate * np.pi * t), 0.5 * np.cos(rate * np.pi * t)])
+    reference, counts = RIG.counts(q), RIG.counts(0.9 * q)
+    whole = Record(
+        t=t,
+        reference_pulses=reference,
+        error_pulses=reference - counts,
+        rig=dataclasses.replace(RIG, period=5e-3),
+        law=law,
+    )
+    states = run_law(reading(whole, Resumed(law=law, state=law.initial_state(2)))).states
+    for row in (100, 137, 171):
+        cut = whole.cut(t[row])
+        at_start, _ = at_work(cut, Resumed(law=law, state=law.initial_state(2)))
+        # States are those after each sample.
+        off = np.abs(at_start.law.state - states[row - 1])
+        assert off.max() < 0.005 * np.abs(states).max()
