@@ -201,11 +201,9 @@ class ArmHypothesis:
         `unit`: its variance with them. `efforts`: as of a `Number`; `choices`: of which these
         numbers are the best.
         """
-        kinds = {number.name: number for number in self.numbers}
-        numbers = {name: kinds.get(kind_of(name)) or self._along_log for name in rows}
         # Effects of the prior sizes, in units of what remains.
         scaled = np.array(
-            [numbers[name].size(self.spread, name, efforts) * rows[name] for name in rows]
+            [self.size(self.spread, name, efforts) * row for name, row in rows.items()]
         ) / math.sqrt(unit)
         precisions, axes = np.linalg.eigh(scaled @ scaled.T)
         precisions = np.maximum(precisions, 1e-12)  # rounding can make zero negative
@@ -224,10 +222,11 @@ class ArmHypothesis:
         explicable = np.average(precisions / (1 + precisions), weights=explained + 1e-300)
         return 2 * (self.against + occam) / float(explicable)
 
-    @property
-    def _along_log(self) -> Number:
-        """The kind of a number that is a torque along the log."""
-        return Number(name=self.name, place="", scale=self.scale)
+    def size(self, share: float, name: str, efforts: Floats) -> float:
+        """Size of one of its numbers at a share of its scale; `efforts` as of a `Number`."""
+        kinds = {number.name: number for number in self.numbers}
+        along_log = Number(name=self.name, place="", scale=self.scale)
+        return kinds.get(kind_of(name), along_log).size(share, name, efforts)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

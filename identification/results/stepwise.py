@@ -332,11 +332,12 @@ class _Search:
     def _tolerated(self, sign):
         """Whether all values are small against their tolerances, which the intervals count."""
         # The usual size of each is the standard deviation that `Tolerances` give it.
-        usual = priors(self._tolerances, sign.values, self._efforts)
-        others = getattr(self._tolerances, BY_NAME[sign.name].minor, 0.0)
+        hypothesis = BY_NAME[sign.name]
+        share = getattr(self._tolerances, hypothesis.minor, 0.0)
+        usual = {name: hypothesis.size(share, name, self._efforts) for name in sign.values}
+        usual |= priors(self._tolerances, sign.values, self._efforts)
         return bool(sign.values) and all(
-            abs(value) < SETTINGS.minor * usual.get(name, others)
-            for name, value in sign.values.items()
+            abs(value) < SETTINGS.minor * usual[name] for name, value in sign.values.items()
         )
 
     def doubt(self):

@@ -317,6 +317,8 @@ HYPOTHESES = (
         signed=True,
         # The cycles are the best of so many in this log, which makes a hit by chance likelier.
         choices=CYCLES,
+        # A torque that changes its sign within a turn bends values less than a constant one.
+        minor="offset",
         refit=pushed,
         spread=0.05,
         scale=_torque,
