@@ -139,8 +139,10 @@ class ArmHypothesis:
     suspected : bool
         Whether it is tested only where another effect is a third of its threshold: it takes time.
     minor : str
-        Field of `Tolerances` below a share of which its numbers give no warning, where they have no
-        tolerance of their own.
+        Field of `Tolerances` that its numbers have where they have no tolerance of their own.
+    minor_share : float
+        Share of their tolerance below which its numbers give no warning (see
+        ``docs/background/intervals.md``).
     gears : bool
         Whether each gear can have it once more; other causes do not follow it.
     shares : bool
@@ -180,6 +182,7 @@ class ArmHypothesis:
     timing: bool = False
     suspected: bool = False
     minor: str = ""
+    minor_share: float = 0.3
     gears: bool = False
     shares: bool = False
     falling: bool = False

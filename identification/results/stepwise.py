@@ -41,15 +41,11 @@ class StepwiseSettings:
         both fits have converged.
     step : float
         Step of the central differences of an unknown, in its standard deviations.
-    minor : float
-        Share of its tolerance below which a cause widens the intervals and gives no warning (see
-        ``docs/background/intervals.md``).
     """
 
     promising: float = 0.2
     contending: float = 0.5
     step: float = 0.05
-    minor: float = 0.3
 
 
 SETTINGS = StepwiseSettings()
@@ -337,7 +333,7 @@ class _Search:
         usual = {name: hypothesis.size(share, name, self._efforts) for name in sign.values}
         usual |= priors(self._tolerances, sign.values, self._efforts)
         return bool(sign.values) and all(
-            abs(value) < SETTINGS.minor * usual[name] for name, value in sign.values.items()
+            abs(value) < hypothesis.minor_share * usual[name] for name, value in sign.values.items()
         )
 
     def doubt(self):
