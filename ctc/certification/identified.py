@@ -1,10 +1,9 @@
 """Distribution of the identified numbers of a plant.
 
-On gears of a stated range it is a function of their resonance.
-
-A log of an elastic arm, identified with rigid gears, gives an f that compensates for the gears, off
-by many of its standard deviations. Where a range of resonances is stated, the fit of the log
-depends on the resonance, and plants of a resonance have the f that fits the log there.
+A log of an elastic arm that is identified with rigid gears gives inertial parameters f that
+compensate for the gears: they are off by many of their standard deviations. Where a range of
+resonances is stated, the log is therefore fitted again on gears of several resonances, and a plant
+that is drawn with a resonance has the f that fits the log on such gears.
 """
 
 import dataclasses
@@ -46,14 +45,15 @@ class RefitSettings:
     Parameters
     ----------
     ratio : float
-        Largest ratio of the resonances of neighbouring fits, as long as `fits` suffice.
+        Largest ratio of the resonances of neighbouring fits, while no more than `fits` are needed.
     fits : int
         Largest number of fits; a wider range has them farther apart.
     first_rounds : int
-        Times that the first resonance is fitted: its stiffness follows from the inertia, which the
-        fit before gave. Each further resonance takes the inertia from its neighbour.
+        How often the lowest resonance is fitted. The stiffness of gears follows from a resonance
+        and an inertia; the first round has the inertia of the fit on rigid gears, and each later
+        one that of the round before. Every other resonance takes the inertia of its neighbour.
     stored : int
-        Ranges of one identification whose fits are stored, the latest ones.
+        Number of ranges whose fits are stored for an identification; the oldest ones are dropped.
     """
 
     ratio: float = 1.15
@@ -68,9 +68,10 @@ SETTINGS = RefitSettings()
 @kept
 @frozen
 class Refits(Frozen):
-    """Fits over a range of resonances, at `places` (K,) in its logarithm, from 0 to 1.
+    """Fits over a range of resonances.
 
-    `values` (K, k), `covariances` (K, k, k): of each fit.
+    `places` (K,): of the fits in the logarithm of the range, 0 at its lower end and 1 at its upper
+    end. `values` (K, k), `covariances` (K, k, k): of each fit.
     """
 
     places: Floats
@@ -86,8 +87,8 @@ class Refits(Frozen):
         return np.abs(places[:, None] - self.places).argmin(axis=1)
 
 
-# Fits of an identification by stated range. An identification that nobody holds any more takes its
-# fits with it; an equal one, bit for bit, has the same.
+# Fits of an identification by stated range. They are dropped with the identification; one that is
+# equal to it, bit for bit, finds the same fits meanwhile.
 _STORE: weakref.WeakKeyDictionary[Identification, dict[Any, Refits | None]] = (
     weakref.WeakKeyDictionary()
 )
@@ -111,15 +112,15 @@ def refits(
     ranges = np.asarray(resonance, float)
     ratio = float(np.mean(damping_ratio))
     pose = np.asarray(pose, float)
-    # Bytes, not numbers: what is stored is that of exactly these ranges.
+    # Bytes, not numbers: stored fits serve exactly the range for which they were made.
     key = (ranges.shape, ranges.tobytes(), ratio, pose.tobytes())
     stored = _STORE.setdefault(identification, {})
-    # A range that is used again becomes the latest, so the oldest unused one is deleted.
-    result = (
-        stored.pop(key)
-        if key in stored
-        else _fitted(identification, ranges, ratio, pose, progress, Checkpoint(checkpoint, ""))
-    )
+    if key in stored:
+        # It becomes the latest: the oldest range that is not used again is dropped first.
+        result = stored.pop(key)
+    else:
+        part = Checkpoint(checkpoint, "")
+        result = _fitted(identification, ranges, ratio, pose, progress, part)
     stored[key] = result
     if len(stored) > SETTINGS.stored:
         del stored[next(iter(stored))]
@@ -153,7 +154,7 @@ def _fitted(
                 fitted = checkpoint.stage(f"fit {i} on gears at {fraction}", make)
                 bar.update()
                 if fitted is None:
-                    # Without its second round the first resonance has no fit either.
+                    # A resonance whose rounds do not all succeed has no fit.
                     fits.pop(fraction, None)
                     break
                 # The stiffness of the next gears follows from this arm's inertia.
@@ -181,32 +182,32 @@ def _on_gears(
         ]
         # As the identification was prepared, on gears in place of rigid drives.
         problem = prepare(
-            identification.arm.dynamics,
-            records,
-            identification.fit.unknown,
-            (),
-            "prediction_error",
-            identification.search.ranges,
-            None,
-            identification.search.seed,
-            False,
-            {},
+            dynamics=identification.arm.dynamics,
+            records=records,
+            unknown=identification.fit.unknown,
+            held_out=(),
+            method="prediction_error",
+            ranges=identification.search.ranges,
+            settings=None,
+            seed=identification.search.seed,
+            zeros=False,
+            options={},
             prior=identification.fit.prior,
         )
         fit = search(problem).fit
     except ValueError:  # the log contradicts such gears, or they cannot carry the arm
         return None
-    return None if fit.covariance is None else (problem.parts(fit.values)[0], fit)
+    refitted, _, _ = problem.parts(fit.values)
+    return None if fit.covariance is None else (refitted, fit)
 
 
 @frozen
 class Identified:
     """Normal distribution of the k identified numbers of a plant.
 
-    The roots (K, k, r) of their covariance give it its spread.
-
-    With K refits on gears of the stated resonances, the arm is that of the middle of the range;
-    without, K is 1.
+    `arm`: that of the controller; with fits on gears, that of the middle of their range. `names`,
+    `values` (k,): of the numbers. `roots` (K, k, k): of the covariance of each of the K fits on
+    gears of the stated resonances, or of the only one without them. `refits`: these fits.
     """
 
     arm: Arm
@@ -293,7 +294,7 @@ def identified(
     # Numbers of the logged law are no property of the plant.
     plant = [i for i, name in enumerate(names) if not name.startswith("law.")]
     for i in plant:
-        # A plant with another gear than its controller would fail by statement, not by chance.
+        # Plants and controller have one rig: a plant cannot have another gear than its controller.
         if names[i].startswith(_KNOWN_TO_LAWS) and (covariances[:, i, i] > 0).any():
             raise ValueError(
                 f"{names[i]} cannot be sampled: controllers read their counts by it. Identify with"
@@ -304,7 +305,9 @@ def identified(
     values = np.asarray(values)[plant]
     if fits is not None:
         # The controller has the arm of the middle resonance.
-        fits = dataclasses.replace(fits, values=fits.values[:, plant])
+        fits = dataclasses.replace(
+            fits, values=fits.values[:, plant], covariances=covariances[:, plant][:, :, plant]
+        )
         (values,) = fits.centres(np.array([0.5]))
         middle = dict(zip(names, values.tolist(), strict=True))
         f = [middle.get(name, f) for name, f in zip(arm.dynamics.names, arm.f, strict=True)]
@@ -314,7 +317,7 @@ def identified(
 
 
 def _root(covariance: Floats, plant: list[int]) -> Floats:
-    """A root (k, k) of the covariance of these of the unknowns."""
+    """A root (k, k) of the covariance of the unknowns in the places `plant` (k,)."""
     # Rounding leaves asymmetry and negative eigenvalues of 1e-15; 1e-6 is a mistake of the user.
     tolerance = 1e-6
     asymmetry = np.abs(covariance - covariance.T).max(initial=0)

@@ -17,7 +17,7 @@ from ctc.commandline.words import in_the_shell
 from identification.results.summary import IdentificationWarning
 from plant.version import __version__
 
-# The last lines of every help: a script decides by these codes.
+# The last lines of the help of `onepulse`: a script decides by these codes.
 _CODES = (
     "exit codes: 0 fine; 1 the verdict is negative: a finding of the checkup, an unreliable"
     " identification, a plant that exceeds the limit, a path that begins in motion; 2 bad input,"
@@ -25,8 +25,9 @@ _CODES = (
 )
 
 
-# A message that names one of these keeps its word: there is no option to put in its place.
-_PLACES = {"command", "found", "logs", "name", "model", "plan"}  # arguments that are no options
+# Arguments that are no options. A message writes `--option` for the name of an option; it leaves
+# these as they are.
+_ARGUMENTS = {"command", "found", "logs", "name", "model", "plan"}
 
 
 class _Parser(argparse.ArgumentParser):
@@ -69,6 +70,8 @@ def main(arguments: list[str] | None = None) -> int:
                 answer = run_campaign(options, _parser().parse_args)
             else:
                 answer = COMMANDS[options.command](options)
+        # JSON has no NaN: a number that is not finite must have become null before.
+        text = json.dumps(answer.data, indent=1, allow_nan=False) if options.json else answer.text
     except KeyboardInterrupt:
         # Whoever interrupts learns how to go on.
         advice = ""
@@ -77,18 +80,16 @@ def main(arguments: list[str] | None = None) -> int:
         elif getattr(options, "checkpoint", None):
             advice = f" What was finished is in {options.checkpoint}: call again."
         return _failed(f"interrupted.{advice}", 130)
-    # A mistake of the user: one line, and no traceback. Line breaks of the message go.
+    # Bad input, or a machine that lacks something: one line, and no traceback.
     except (ValueError, OSError, ImportError, MemoryError) as error:
-        message = in_the_shell(" ".join(str(error).split()), set(vars(options)) - _PLACES)
+        message = in_the_shell(" ".join(str(error).split()), set(vars(options)) - _ARGUMENTS)
         return _failed(message or type(error).__name__, 2)
-    # What no shell check foresaw is a defect: its traceback is what its report needs.
+    # Any other error is a defect of the library: whoever mends it needs the traceback.
     except Exception:
         traceback.print_exc()
         return _failed("this is a defect of the library; please report the lines above", 3)
-    # JSON has no NaN: a number that is not finite must have become null before.
-    text = json.dumps(answer.data, indent=1, allow_nan=False) if options.json else answer.text
     try:
-        _print(in_the_shell(text, set(vars(options)) - _PLACES))
+        _print(in_the_shell(text, set(vars(options)) - _ARGUMENTS))
     except OSError as error:
         # A full disk, or a closed pipe.
         # Python flushes standard output once more at its end, which would fail again.
@@ -189,7 +190,7 @@ _LOGS = (
     _option("logs", "CSV, NPZ, MAT, HDF5, Parquet, MCAP, rosbag2", nargs="+", metavar="LOG"),
     _option("--cut", "this part alone [s]", nargs=2, type=float, metavar=("BEGIN", "END")),
 )
-# Where it is drawn at random at all, a result must be repeatable by default.
+# A result that is drawn at random must be repeatable by default.
 _SEED = _option("--seed", "same seed, same result", type=_seed, default=0)
 _FOUND = _option("found", "file of identify -o")
 _PATH = _option("--path", "to follow: t [s], q_1, ... [rad] (default: the log's)", metavar="FILE")
@@ -199,11 +200,11 @@ _BANDWIDTH = _option(
 _CHECKPOINT = _option(
     "--checkpoint", "keep finished work there: called again, it goes on", metavar="FILE"
 )
-# A model is needed here; its columns read the logs, too.
+# A model is needed here. Its robot file also says which columns of the logs to read.
 _MODEL = _option("--robot", "robot file, or the name of one", metavar="TOML", required=True)
 _PRIOR = _option(
     "--prior",
-    "standard deviation of the model's own bodies, as 0.3, for what the log does not excite",
+    "relative standard deviation of the model's bodies, such as 0.3, for what the log leaves open",
     type=float,
     metavar="SHARE",
 )
@@ -215,10 +216,10 @@ _PLACE: Any = {"nargs": 3, "type": float, "metavar": ("X", "Y", "Z")}
 _UNCERTAIN = (
     _SEED,
     _FOUND,
-    _option("--robot", "robot file with a table [uncertainty]; options go before it", **_ROBOT),
+    _option("--robot", "robot file with a table [uncertainty]; options overrule it", **_ROBOT),
     _option("--friction", "by which it may differ (default 0.1)", type=float, metavar="SHARE"),
     _option("--resonance", "of the gears [Hz]", nargs=2, type=float, metavar=("LOW", "HIGH")),
-    _option("--damping-ratio", "of that resonance, as all below one number or two ends", **_ENDS),
+    _option("--damping-ratio", "of it: one number, or two ends, as all that follow", **_ENDS),
     _option("--load", "in the gripper [kg]", **_ENDS),
     _option("--load-position", "its centre in the last link's frame [m]", **_PLACE),
     _option("--delay", "of the torque [s]", **_ENDS),
@@ -228,12 +229,12 @@ _UNCERTAIN = (
         for name, row in IMPERFECTIONS.items()
     ),
     # How the samples are simulated and judged.
-    _option("--dropped", "of the samples whose counts are lost", type=float, metavar="SHARE"),
+    _option("--dropped", "share of samples whose counts are lost", type=float, metavar="SHARE"),
     _option("--within", "limit [pulses] (default 1)", type=float, default=1.0),
     _option(
         "--after", "instants before it are left out, and reported", type=float, metavar="SECONDS"
     ),
-    _flag("--everyday", "everyday motions, with --path one more; a row each"),
+    _flag("--everyday", "a row for each of some everyday motions, and for --path"),
     _option("--samples", "Monte Carlo samples (default 10000)", type=int, default=10_000),
     # Output and checkpoint come last, as in every command.
     *_output("file for report", required=False),
@@ -356,7 +357,7 @@ _COMMANDS: dict[str, tuple[str, Any]] = {
             _option(
                 "plan", "robots, logs, what to do, and where results are kept", metavar="PLAN.toml"
             ),
-            # How it runs is no matter of the plan alone: one plan runs on several machines.
+            # Where it runs is no part of the plan: one plan may run on several machines.
             _option("--executor", "threads (default), processes, or dask:ADDRESS", metavar="WHERE"),
             _flag("--resume", "go on with what the folder of the plan holds"),
             _flag("--status", "how far it is; runs nothing"),

@@ -1,7 +1,8 @@
-"""Hypotheses of a user's own about a record: scored with an arm, and as `record.check()` does.
+"""Hypotheses of a user's own about a record, judged with an arm and then without one.
 
-A row changes a record. The torque equation of the changed record judges it with an arm, beside the
-rows of `restated`; `record.check()` judges the others without one, beside the rows of its table.
+A hypothesis is a row of a table, and changes a record. With an arm, the torque equation of the
+changed record judges it, beside the library's own rows in `restated`. Rows that this does not
+accept are judged by `record.check()`, which knows no arm, beside the rows of its table.
 """
 
 import functools
@@ -43,14 +44,15 @@ class _WithArm(Experiment):
 
     @property
     def score(self) -> float:
-        """Log likelihood of the log beside the equation of motion of its arm."""
+        """Log likelihood of the record by the torque equation of its arm."""
         return -np.inf if self.equation is None else self.equation.evidence
 
 
 def tried(dynamics: Dynamics, record: Record, hypotheses: Sequence[Hypothesis[Any]]) -> Tried:
-    """Rank the hypotheses of a user's own, without an arm and then with one."""
+    """Rank the hypotheses of a user's own, with an arm and then without one."""
     by_name = {hypothesis.name: hypothesis for hypothesis in hypotheses}
-    # 1. With the arm, which knows most. Evidence of a row's own, and times, are the checkup's.
+    # 1. With the arm, which knows most. A row's own evidence, and its place among the checks, are
+    # for `record.check()` alone.
     trials = Trials([replace(row, evidence=None, check="") for row in hypotheses])
 
     def candidates(experiment):
@@ -58,21 +60,21 @@ def tried(dynamics: Dynamics, record: Record, hypotheses: Sequence[Hypothesis[An
             yield from candidates_of(experiment)
         elif experiment.equation is not None:
             yield from trials(experiment)
-            # Beside the library's rows, so that none takes the place of a likelier mistake.
+            # Beside the library's rows: a user's row must not stand for a likelier mistake.
             yield from candidates_of(experiment.equation)
 
     labels = tuple(dynamics.chain.joint_labels)
     # A correction that was accepted is applied before the next one is tried.
     ranked = ranking(_WithArm(record, dynamics=dynamics), candidates, labels)
     causes = {cause.name: cause for cause in ranked.causes if cause.name in by_name}
-    # The checkup goes on from the record that the arm corrected.
+    # `record.check()` goes on from the record as the accepted rows have changed it.
     for experiment in ranked.experiments:
         if isinstance(experiment, _WithArm):
             record = experiment.record
 
-    # 2. The others as the checkup judges them, by the law and the reference too.
+    # 2. The rows that were not accepted, by what the checkup knows: the record's law and reference.
     checkup = record.check(hypotheses=[row for row in hypotheses if row.name not in causes])
     causes |= {cause.name: cause for cause in checkup.causes if cause.name in by_name}
-    # A row that failed in both is named once.
+    # A row that failed in both for one reason is named once.
     failed = {f"{name}: {reason}": None for name, reason in trials.failed.items()}
     return Tried((*causes.values(),), (*(failed | dict.fromkeys(checkup.failed)),))

@@ -1,9 +1,10 @@
-"""Bodies that can be, nearest to a fit of the torque equation: point masses within boxes.
+"""Physically possible bodies that are nearest to a fit of the torque equation.
 
-A body within a box is a set of point masses in it: positive mass, a possible inertia, and a centre
-of mass inside the box are equivalent to non-negative masses on a fine grid. f is linear in them and
-in the inertias of the motors, so the nearest such f, in the metric of a covariance, is a problem of
-non-negative least squares. Friction that is fitted beside f is non-negative in the same problem.
+A fit of the inertial parameters f may belong to no arm that can exist. Here each link is made of
+point masses on a grid within a box: as long as no mass is negative, its mass, centre and inertia
+are possible. f is linear in these masses and in the inertias of the motors, so the nearest such f,
+in the metric of a covariance, is a problem of non-negative least squares. Friction that is fitted
+beside f is non-negative in the same problem.
 
 Source: C. L. Lawson, R. J. Hanson, Solving Least Squares Problems, Prentice Hall 1974 (non-negative
 least squares).
@@ -30,14 +31,15 @@ class PossibleBodySettings:
     Parameters
     ----------
     points : int
-        Of the grid along each edge of a box.
+        Points of the grid along each edge of a box.
     beside : float
-        Half width of a box around a link and its two joints, as a share of the length of the chain.
+        By how much a box exceeds its link and the two joints of that, as a share of the length of
+        the chain.
     least_beside : float
-        The same at least [m].
+        By how much it does at least [m].
     least : float
-        Mass of every point, as a share of the mean: without it a light link would have no inertia
-        about its joint, and the arm no motion.
+        Least mass of a point, as a share of the mean of all points: without it a light link would
+        have no inertia about its joint, and the arm no motion.
     """
 
     points: int = 4
@@ -87,15 +89,15 @@ class PointMasses(NamedTuple):
 
 
 def nearest_amounts(whiten: Floats, system: Floats, target: Floats) -> tuple[Floats, float]:
-    """Non-negative amounts (m,) whose system (k, m) is nearest to a target (k,), and the distance.
+    """Non-negative amounts (m,) for which system @ amounts is nearest to a target, and how near.
 
-    `whiten` (k, k): the distance is that of whitened numbers.
+    `system` (k, m), `target` (k,). `whiten` (k, k): makes numbers in whose metric it is nearest.
     """
     from scipy.optimize import nnls
 
     columns = whiten @ system
     length = np.linalg.norm(columns, axis=0)
-    # A point that changes nothing stays out of the solution.
+    # A point without effect has amount zero; its length must not divide by zero.
     length[length == 0] = 1.0
     amounts, distance = nnls(columns / length, whiten @ target, maxiter=50 * system.shape[1])
     return amounts / length, float(distance)
@@ -121,9 +123,9 @@ def boxes_of(dynamics: Dynamics) -> Floats:
 
 
 def with_possible_bodies(dynamics: Dynamics, rig: Rig, fit: TorqueFit) -> TorqueFit | None:
-    """A fit with the values of the nearest bodies that can be, and friction that brakes.
+    """A fit with the values of the nearest possible bodies, and friction that brakes.
 
-    Nearest in the residual of the fit itself. None where f is partly known.
+    Nearest in the sum of squares of the fit itself. None where f is partly known.
     """
     if not set(dynamics.names) <= set(fit.names):
         return None
@@ -140,7 +142,8 @@ def with_possible_bodies(dynamics: Dynamics, rig: Rig, fit: TorqueFit) -> Torque
     system[places] = of_f
     system = np.column_stack([system, unit[:, others], -unit[:, signed]])
 
-    # 1. In the metric of the residual, whose squares the covariance of white noise describes.
+    # 1. The inverse covariance of white noise is the curvature of the sum of squares: in this
+    # metric the nearest values are those with the least residual.
     deviation = np.sqrt(np.diag(fit.noise_covariance))
     correlation = fit.noise_covariance / np.outer(deviation, deviation)
     whiten = np.linalg.inv(np.linalg.cholesky(correlation)) / deviation
@@ -155,6 +158,6 @@ def with_possible_bodies(dynamics: Dynamics, rig: Rig, fit: TorqueFit) -> Torque
     return replace(
         fit,
         values=system @ (amounts + lowest),
-        # As far as the residuals of all joints grow alike.
+        # That is exact where the residuals of all joints grow by the same ratio.
         relative_error=fit.relative_error * float(np.sqrt(1 + distance**2 / fit.rows)),
     )

@@ -24,7 +24,7 @@ from plant.parts import (
 
 @frozen_settings
 class LoadWarningSettings:
-    """Limits above which `find_load` warns.
+    """Limits at which `find_load` warns.
 
     Chosen by hand; ``tests/benchmarks/find_load.py`` counts the loads with a warning.
 
@@ -35,18 +35,18 @@ class LoadWarningSettings:
     by_chance : float
         Standard deviations of chi-square above its mean that chance explains.
     at_end : float
-        Distance from the end of a range at which a value lies on it, relative, or absolute of a
-        value below 1.
+        Distance from the end of a range within which a value lies on that end, as a share of the
+        value, or of 1 if that is larger.
     negative : float
         Standard deviations below zero at which a mass is negative.
     apart : float
         Birge ratio above which the logs differ.
     """
 
-    # Innovations that the model does not explain.
+    # What the model with a load does not explain.
     explained: float = 0.347
     by_chance: float = 4.0
-    # Values and logs that contradict the statement of the user.
+    # Values and logs that contradict what the user states.
     at_end: float = 1e-6
     negative: float = 2.0
     apart: float = 2.0
@@ -76,7 +76,12 @@ def warnings_of(
     square: float,
     freedom: int,
 ) -> Iterator[str]:
-    """Warnings about a fit, one line each."""
+    """Warnings about a fit, one line each.
+
+    `std` (k,): of its values. `runs`: mass and deviation of each record alone. `friction`: relative
+    tolerance of friction that was taken from the rig; None where it was fitted. `square`,
+    `freedom`: chi-square, and its degrees of freedom, by which another arm explains the logs.
+    """
     # 1. Values that the range determined, not the log.
     bounds = search.bounds(problem)
     values = fit.values
@@ -84,11 +89,11 @@ def warnings_of(
         distance = min(value - low, high - value)
         if deviation > 0 and distance <= WARNING.at_end * max(1.0, abs(value)):
             end = "lower" if value - low < high - value else "upper"
-            yield f"{name} ends at the {end} bound, {value:.4g}; intervals do not count that."
+            yield f"{name} ends at the {end} bound, {value:.4g}; its interval leaves that out."
     if values[0] < -WARNING.negative * std[0]:
         yield (
-            "the mass is negative; the known arm is heavier than that of the log, or a sign or a"
-            " unit is wrong."
+            "the mass is negative; the known arm is heavier than the arm of the log, or a sign or"
+            " a unit is wrong."
         )
 
     # 2. Effects that the model lacks.
@@ -105,7 +110,7 @@ def warnings_of(
         for name, deviation in zip(fit.unknown, std, strict=True)
         if deviation == 0 and name.startswith("drive.")
     ]
-    # The user expects fitted friction here; stated friction has the following warning.
+    # Without `friction` the user expects that it is fitted; the other case has its own warning.
     if friction is None and hidden:
         yield (
             f"{', '.join(hidden)} is not identifiable from these logs, and was taken from the rig."
@@ -117,15 +122,15 @@ def warnings_of(
             " the load."
         )
 
-    # 4. Contradictions: another arm, and logs that differ. The variance of chi-square is twice its
-    # degrees of freedom.
+    # 4. Contradictions: another arm, and logs that differ.
+    # The variance of chi-square is twice its degrees of freedom.
     if square > freedom + WARNING.by_chance * np.sqrt(2 * freedom):
         yield (
             f"no load on this arm explains the logs: chi-square {square:.0f} of {freedom}; arm,"
-            " gears or friction differ from the model. The deviation counts that as if it were"
-            " noise."
+            " gears or friction differ from the model. The standard deviation includes that as if"
+            " it were noise."
         )
-    # Then the covariance of the arm could not be propagated to the load.
+    # Without degrees of freedom the covariance of the arm was not propagated to the load.
     if search.covariance.any() and not freedom:
         yield (
             "the logs do not determine all of f: the interval does not include the uncertainty of"
@@ -134,8 +139,8 @@ def warnings_of(
     if birge(runs) > WARNING.apart:
         masses = ", ".join(f"{mass:.4g} +- {deviation:.2g}" for mass, deviation in runs)
         yield (
-            f"the records alone differ more than their deviations: {masses} kg; the deviation"
-            " counts that."
+            f"the masses of single records differ by more than their deviations: {masses} kg; the"
+            " standard deviation of the mass includes that."
         )
 
 
@@ -153,7 +158,7 @@ class Load(Shown, Frozen):
         Root mean square of the innovations [pulses]; rounding alone gives 0.289.
     com, com_std : (3,) numpy.ndarray
         Centre of mass in the frame of the link's body [m]; NaN along an axis that is not
-        identifiable from the torques. Of a given position it is that, with a deviation of 0.
+        identifiable from the torques. A given position has a deviation of 0.
     names : tuple of str
         Of the unknowns: ``mass``, ``com[i]``, numbers of friction.
     values : (k,) numpy.ndarray
@@ -163,9 +168,9 @@ class Load(Shown, Frozen):
     runs : tuple of (float, float)
         Mass and standard deviation of each record alone [kg]; empty of a single one.
     chi_square, freedom : float, int
-        Chi-square by which an arm with free f follows the logs better, and its degrees of freedom,
-        which chance alone gives. NaN and 0 where the logs do not determine all of f, so that
-        nothing was tested.
+        By how much an arm with any f follows the logs better than this arm with a load, as a
+        chi-square, and its degrees of freedom: about as much chance alone gives. NaN and 0 where
+        nothing was tested, since the logs do not determine all of f.
     warnings : tuple of str
         Reasons for which the mass may be wrong, one line each.
     """

@@ -1,4 +1,8 @@
-"""Output of a method of identification: `Fit`, `GearResonance`, `Outcome`; `Search` of a result."""
+"""What a method of identification gives: an `Outcome`, with its `Fit`.
+
+A fit of elastic gears has a `GearResonance`. A result keeps the fit, and the course of the search
+as a `Search`.
+"""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import field, replace
@@ -19,16 +23,19 @@ from plant.parts import Floats, Frozen, Piece, Shown, Table, Verdict, Warned, fr
 @kept
 @frozen
 class GearResonance(Shown, Frozen):
-    """Locked-rotor resonances, sqrt(k / (D_ii - Jm_i k_i^2)) / 2 pi, where the reference begins.
+    """Locked-rotor resonances of elastic gears, in the pose where the reference begins.
+
+    A gear of stiffness k_i [N m/rad] swings against its locked motor at sqrt(k_i / L_i) / 2 pi
+    [Hz], where L_i is the inertia D_ii of the arm less that of the motor.
 
     `joints`: label of each joint. `pose` (n,): [rad]. `hz` (n,): [Hz]; infinite where the log does
     not distinguish the gear from a rigid one. `low`, `high` (n,): 95 % interval [Hz], from the
-    profile likelihood. Without an upper end, low is a bound: the gear is stiffer. `damping_ratio`,
+    profile likelihood; where `high` is infinite, the gear is stiffer than `low`. `damping_ratio`,
     `damping_low`, `damping_high` (n,): damping ratio of the resonance, and its 95 % interval; where
     the log shows little, that of the prior, 0.005 to 0.05. `searched` (n,): whether the stiffness
     was unknown; the other resonances are those of the rig. `played`: joints whose gear has backlash
-    that the rig does not state. The fit takes it for compliance, in all gears with unknown
-    stiffness, so that low is a bound there: the gear is stiffer.
+    (play) that the rig does not state. The fit takes it for compliance, in all gears with unknown
+    stiffness: they are stiffer than `low`.
     """
 
     # Where: the joints, and the pose at which inertia counts.
@@ -56,14 +63,14 @@ class GearResonance(Shown, Frozen):
         )
 
     def bounds(self, name: str) -> bool:
-        """Whether an unknown is stiffness or damping of a gear that the log bounds from below."""
+        """Whether an unknown belongs to a gear of which the log gives only the least stiffness."""
         stiffer = np.flatnonzero(self.searched & np.isinf(self.high)).tolist()
-        # A bound of the stiffness leaves the damping open.
+        # Of such a gear the damping is not known either.
         kinds = ("stiffness", "damping")
         return name in [f"drive.elasticity.{kind}[{i}]" for kind in kinds for i in stiffer]
 
     def _short(self) -> str:
-        # A stated resonance has no interval, but is no bound.
+        # A stated resonance has no interval; any finite end prints it as a number.
         tops = np.where(self.searched, self.high, 0)
         texts = [
             f"{hz:.1f}" if np.isfinite(top) else f">{low:.0f}"
@@ -98,7 +105,7 @@ class GearResonance(Shown, Frozen):
             )
 
 
-# These classes know nothing of files, so they are registered here.
+# The modules of these classes know nothing of files: here they become values that a file can keep.
 for _class in (GeneticSettings, GeneticResult, Resumption):
     kept(_class)
 
@@ -114,9 +121,9 @@ class Fit(Shown, Frozen):
         Names of the unknowns.
     values : (k,) numpy.ndarray
     candidates : (C, k) numpy.ndarray
-        Vectors that repeat the records as well as the values do, within the noise of objective (4),
-        best first; the values alone where a method tries no others. ``Uncertainty(plants=...)``
-        uses them where there is no covariance.
+        Vectors that repeat the records as well as the values do, within the noise of the paper's
+        objective (4), best first; the values alone where a method tries no others.
+        ``Uncertainty(plants=...)`` uses them where there is no covariance.
     covariance : (k, k) numpy.ndarray or None
         Of the values; None where the method provides none. It includes noise, scaled by the
         innovations and their autocorrelation, and the tolerances of the rig: see `Tolerances`.
@@ -128,15 +135,16 @@ class Fit(Shown, Frozen):
         Root mean square of the innovations [pulses]: counted positions minus their one-step
         predictions. Rounding alone gives 0.289.
     fallback_reason : str or None
-        Reason for which the values are not those of the last fit; its covariance does not describe
-        them then.
+        Reason for which the values are not those of the last fit; a covariance, where there is
+        one, is that of the last fit and not theirs.
     zeros : (R, n) numpy.ndarray or None
         Angles of the joints of each record where its counters read zero [rad], if unknown.
-    resumptions : tuple of Resumption or None
+    resumptions : tuple of (Resumption or None)
         State of the law, and of the arm, at the first sample of each record whose law was running
         before it.
     undetermined : tuple of tuple of str
-        Unknowns that act on the log like the state that the law had before it, in groups.
+        Groups of unknowns that the log does not tell apart from the state of its law at the start:
+        the integral of a controller, for instance, may have held a part of a weight.
     gains : (2n,) numpy.ndarray or None
         Fitted observer gains of the innovations, of position and of speed.
     resonance : GearResonance or None
@@ -206,7 +214,7 @@ class Fit(Shown, Frozen):
 
     @property
     def correlation(self) -> Floats:
-        """Correlations (k, k) of the values; zero of a fixed value."""
+        """Correlations (k, k) of the values; zero of one that equal ends of its range fix."""
         # A fixed value has no deviation: dividing by infinity gives it no correlation either.
         std = np.where(self.std > 0, self.std, np.inf)
         return self._required_covariance / np.outer(std, std)
@@ -234,11 +242,11 @@ class Outcome(Frozen):
     """Fit of a method, and the course of its search.
 
     `message`: reason for which the search ended. `evaluations`: simulated experiments. `rounding`
-    (M,) or None: weighted innovations that the rounding of counts causes in every log of this
-    motion, in the order of `Prediction`; None where it causes none, or was not simulated. `stages`:
-    values (k,) of the stages before the last, by name. `grouped` (k,) or None: standard deviations
-    by the scatter between segments, where the tests use parts of a long log. `steps`: steps of the
-    model per sample; 1 where the method chose none.
+    (M,) or None: mean innovations that the rounding of counts causes in logs of this motion,
+    weighted and in the order of `Prediction`; None where it causes none, or was not simulated.
+    `stages`: values (k,) of the stages before the last, by name. `grouped` (k,) or None: standard
+    deviations of the values by their scatter between segments of a long log. `steps`: steps of the
+    model per sample that the fit needed; 1 where the method leaves them to the problem.
     """
 
     fit: Fit

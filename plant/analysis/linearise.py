@@ -16,11 +16,11 @@ if TYPE_CHECKING:
 
 
 def linearise(arm: Arm, rig: Rig, law: Law, pose: ArrayLike) -> "control.StateSpace":
-    """Linear model of a fast law's closed loop about an arm held at a pose.
+    """Linear model of the closed loop about a pose, under a law of fast hardware.
 
-    The model is the derivative of the simulator's own sub-step, with the encoder as identity, in
-    the limit of a short step; Coulomb friction is left out, as for a joint that slides without
-    turning back.
+    The model is the derivative of the step that the simulator takes, in the limit of a short step.
+    Two things that have no derivative are left out: the encoder does not round, and there is no
+    Coulomb friction, as on a joint that moves without turning back.
 
     Parameters
     ----------
@@ -55,15 +55,15 @@ def linearise(arm: Arm, rig: Rig, law: Law, pose: ArrayLike) -> "control.StateSp
     """
     import control
 
-    # The direct term is one: an error is the reference, less the counted position.
     n = arm.n
-    # The encoder does not round and friction is viscous alone: only so the loop has derivatives.
     A, B, C, states = jacobians(arm, rig, law, pose)
+    # An error is the reference less the counted position: the reference acts on it directly.
+    direct = np.eye(n)
     return control.StateSpace(
         A,
         B,
         C,
-        np.eye(n),
+        direct,
         states=states,
         inputs=[f"reference_pulses[{i}]" for i in range(n)],
         outputs=[f"error_pulses[{i}]" for i in range(n)],
@@ -71,7 +71,7 @@ def linearise(arm: Arm, rig: Rig, law: Law, pose: ArrayLike) -> "control.StateSp
 
 
 def modes(system: Any) -> Floats:
-    """Frequencies [Hz] and damping ratios (k, 2) of the oscillating modes of a linear model.
+    """Undamped frequencies [Hz] and damping ratios (k, 2) of the oscillating modes of a model.
 
     The slowest mode comes first. The matrix A may be given in place of the model.
 

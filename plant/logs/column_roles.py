@@ -10,8 +10,8 @@ from plant.logs.unit_words import without_unit
 from plant.logs.units import TIME
 from plant.parts.fields import Floats
 
-# Quantity -> words of names that mean it. Of several quantities in a name the upper one counts:
-# `joint_position_error` is an error, `motor_current_position` is no position of a current.
+# Quantity -> words of names that mean it. A name with words of several quantities has the first of
+# these: `joint_position_error` is an error, `motor_current_position` a current.
 _QUANTITIES = {
     "time": "t time times timestamp stamp zeit zeitstempel uhrzeit clock",
     "valid": "valid",
@@ -85,7 +85,7 @@ _COMMANDED = frozenset(
         "asked",
     ]
 )
-# Alone they mean positions in German logs, too: `soll_1`, `ist_1`.
+# German logs call commanded and measured positions by these words alone: `soll_1`, `ist_1`.
 _GERMAN = frozenset(["soll", "sollwert", "sollwerte", "ist", "istwert", "istwerte"])
 _MEASURED = frozenset(
     [
@@ -103,9 +103,11 @@ _MEASURED = frozenset(
         "link",
     ]
 )
-# Words behind which a single letter names a joint; behind "joint" it is a quantity.
+# Words after which a single letter names a joint, as in `ang_c`. After "joint" a letter is a
+# quantity, as in `joint_q`.
 _BEFORE_LETTERS = _GERMAN | {word for word in _WORDS if "joint" not in word}
-# Words outside it name joints, by which columns of one group differ.
+# Columns of one group have the same of these words; by their other words they differ, which name
+# joints.
 _VOCABULARY = _WORDS.keys() | _COMMANDED | _MEASURED
 # A unit says more than a name.
 _OF_UNITS = {
@@ -131,7 +133,7 @@ class RoleSettings:
     Parameters
     ----------
     periods : tuple of pair of float
-        Usual sampling periods [s], and those that occur.
+        Ranges of sampling periods [s]: usual ones, and all that occur.
     max_radians : float
         Largest angle that is likely in rad; two turns.
     max_turns : float
@@ -141,7 +143,7 @@ class RoleSettings:
     max_amperes : float
         Largest current that is likely in ampere.
     max_torque : float
-        Largest torque [N m] that is no per mille.
+        Largest torque [N m] that is likely; larger numbers may be per mille of a rated torque.
     min_counts : float
         Range of whole numbers from which on they are counts.
     """
@@ -169,10 +171,9 @@ class Role:
     commanded : bool
         The value was asked for, not measured.
     units : tuple of str
-        Likely units, the likeliest at the front; none where the quantity has no unit or no field.
+        Likely units, the likeliest first; none of quantities that no record has, such as speeds.
     group : tuple of str
-        Its folder or topic, and the words of its name that the same quantity of the other joints
-        has as well.
+        Its folder or topic, and the words of its name that do not name its joint.
     """
 
     quantity: str
@@ -188,7 +189,7 @@ class Role:
 def written_out(names: Iterable[str]) -> dict[str, str]:
     """Name -> the name in words: the letters s and i of a pair read `soll` and `ist`.
 
-    A command of positions that says no quantity gets the word.
+    Where commands name no quantity and are of positions, their names get the word "position".
     """
     every = set(names)
     written = {}
@@ -212,7 +213,7 @@ def _of_positions(called: Mapping[str, str]) -> dict[str, str]:
     quantities = {name: {_WORDS[word] for word in words[name] & _WORDS.keys()} for name in called}
     commands = {name for name in called if not _COMMANDED.isdisjoint(words[name])}
     of_positions = {"position", "counts"}
-    # Beside commands that say position, those without a quantity are of something else.
+    # Where some commands say that they are positions, the others command something else.
     if any(quantities[name] & of_positions for name in commands):
         return {}
     # A column that is called by its joint alone holds a position, too.
@@ -260,7 +261,7 @@ def role_of(name: str, values: Floats, unit: str | None) -> Role:
 
 
 def folder_of(name: str) -> str:
-    """The topic of a column of messages, the group of one of HDF5; empty of others."""
+    """The topic of a column of messages, or the HDF5 group of a column; else an empty text."""
     return name.partition(".")[0] if name.startswith("/") else name.rpartition("/")[0]
 
 
@@ -294,7 +295,7 @@ def _joint(name: str) -> tuple[str, ...]:
 
 
 def _tokens(name: str) -> list[str]:
-    """Words and numbers of a name, in lower case; the bracket of a unit holds none."""
+    """Words and numbers of a name without its bracketed unit, in lower case."""
     plain = re.sub(r"([a-z])([A-Z])", r"\1 \2", without_unit(name)[0])
     return [token.lower() for token in re.findall(r"[^\W\d_]+|\d+", plain)]
 
@@ -348,7 +349,7 @@ def groups_of(
 
 
 def fields_of(roles: Mapping[str, Role], n: int | None) -> dict[str, list[str]]:
-    """Field of a record -> its likely columns, one per joint; the fields that a mapping needs.
+    """Mapping to begin with: field of a record -> its likely columns, one per joint.
 
     `roles` are of single columns, in the order of the file; `n` is the number of joints, if it is
     known.
@@ -380,7 +381,7 @@ def fields_of(roles: Mapping[str, Role], n: int | None) -> dict[str, list[str]]:
         "torque": best("torque", size=size),
         "current": best("current", size=size),
     }
-    # Angles of motors have fields of their own, counts are the motors' in any field.
+    # Angles of motors have fields of their own; counts are those of motors anyway.
     of_motors = {
         field: field.replace("position", "motor_position")
         for field in ("position", "reference_position")

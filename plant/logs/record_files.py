@@ -1,4 +1,4 @@
-"""Class methods of `Record` that read its own CSV files and mapped columns of other formats."""
+"""How a `Record` is read and written: its own CSV, columns of other formats, MCAP for viewers."""
 
 import dataclasses
 from collections.abc import Mapping
@@ -19,7 +19,7 @@ from plant.motion.table import Held
 from plant.parts.arguments import instance, known_options
 from plant.parts.mcap_file import McapFile, joint_topics
 
-# What a signal of a record is made of, by the fields of a mapping.
+# Signal of a record -> fields of a mapping from which it is made.
 SOURCES = {
     "counts": ("position", "motor_position", "error_pulses"),
     "error": ("error_pulses", "position", "motor_position", "counts"),
@@ -32,8 +32,9 @@ class FromFiles:
     """The readers and the writer of a `Record`."""
 
     def to_csv(self, path: str | Path) -> None:
-        """Write a CSV file that `from_csv` reads back without loss; line 1 has what are no
-        columns, such as the rig.
+        """Write a CSV file that `from_csv` reads back without loss.
+
+        Line 1 holds what is no column, such as the rig.
         """
         record_csv.write(self, path)
 
@@ -92,7 +93,7 @@ class FromFiles:
         path : str or Path
         rig, law, reference, initial : optional
             As in `Record`. A plain file needs rig and law; without a reference the logged counts
-            are replayed. In place of those named in the file otherwise.
+            are replayed. With a file of `to_csv` they replace what the file says.
         columns : dict, optional
             With it, the file is a table of named columns, which this maps to the fields of a
             record; `from_table` says how, and what `units` and `wrap` are.
@@ -210,7 +211,7 @@ class FromFiles:
         Raises
         ------
         ValueError
-            A mapping that fits no file.
+            A mapping that no file can have, such as one without a measured position.
         LoadError
             A file that cannot be read, or that does not hold what is mapped.
         """
@@ -248,7 +249,7 @@ class FromFiles:
         # The measured column is the clock of messages: its topic gives the instants of all samples.
         measured = next(log["columns"][field] for field in MEASURED if field in log["columns"])
         clock = measured if isinstance(measured, str) else measured[0]
-        # Records of one data set differ by their episode alone: messages must tell them apart.
+        # Episodes of one data set have one path; an error must say which one it means.
         name = str(path) if episode is None else f"{path}, episode {episode}"
         with load_errors(name):
             options = options_of(kind, episode, clock)
@@ -281,8 +282,8 @@ class FromFiles:
             Its gear and resolution turn angles into counts, its period is held against the times.
         columns : dict
             Field of the record -> name of its column, or names, one per joint. Exactly one of
-            ``position`` (joint angles), ``motor_position``, ``counts`` and ``error_pulses``; and if
-            there are, ``t``, ``valid``, ``torque``, ``current``, ``injected``, ``link_position`` (a
+            ``position`` (joint angles), ``motor_position``, ``counts`` and ``error_pulses``, and
+            any of ``t``, ``valid``, ``torque``, ``current``, ``injected``, ``link_position`` (a
             second sensor's; None of a joint without one) and one of ``reference_pulses``,
             ``reference_position``, ``reference_motor_position``. Positions that are smooth and not
             rounded become the record's reference. The mean of ``temperature`` [°C], and the first
@@ -306,11 +307,12 @@ class FromFiles:
 
         Notes
         -----
-        Time starts at zero; without a column it is k period. Of rows with one time the first is
-        kept, with a warning. A row with NaN in any mapped column has no weight (`valid` is 0) and
-        holds the values of the row before; rows that are missing altogether are long time steps.
-        Angles become whole pulses: where they are on a grid of one pulse, up to a shift per joint,
-        these, otherwise what the rig's encoder would count, with a warning.
+        Time starts at zero; without a column, sample k is at k periods. Of rows with one time the
+        first is kept, with a warning. A row with NaN in any mapped column has no weight (`valid` is
+        0) and holds the values of the row before; rows that are missing altogether are long time
+        steps.
+        Angles become whole pulses: their own where they are on a grid of one pulse, up to a shift
+        per joint; otherwise what the rig's encoder would count, with a warning.
 
         Raises
         ------

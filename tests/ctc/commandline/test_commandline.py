@@ -19,7 +19,7 @@ from model_texts import urdf
 
 import ctc.commandline.commands as commands
 from ctc import Certificate
-from ctc.commandline.inputs import path_of, records_of
+from ctc.commandline.inputs import Answer, path_of, records_of
 from ctc.commandline.main import main
 from ctc.commandline.words import in_the_shell
 from identification import Identification
@@ -779,6 +779,16 @@ def test_options_have_their_names_in_messages():
         in_the_shell("certify with resonance=(56.3,\n    131).")
         == "certify with --resonance 56.3 131."
     )
+
+
+def test_a_number_that_json_lacks_is_no_negative_verdict(capsys, monkeypatch):
+    """Code 1 would tell a script that the answer is no."""
+    answer = Answer("", {"value": float("nan")})
+    monkeypatch.setitem(commands.COMMANDS, "robots", lambda options: answer)
+    assert main(["robots", "--json"]) == 2
+    printed = capsys.readouterr()
+    assert printed.out == ""
+    assert len(printed.err.splitlines()) == 1
 
 
 def test_an_interruption_and_a_defect_have_codes_of_their_own(capsys, monkeypatch):
