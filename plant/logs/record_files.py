@@ -113,16 +113,20 @@ class FromFiles:
             header that cannot be read; with the line.
         """
         if columns is not None:
-            log: dict[str, Any] = {
-                "columns": columns,
-                "units": units,
-                "wrap": wrap,
-                "prefix": prefix,
-                "held": held,
-                "torque_delay": torque_delay,
-            }
             return cls._read(
-                "csv", path, None, rig=rig, law=law, reference=reference, initial=initial, **log
+                "csv",
+                path,
+                None,
+                rig=rig,
+                columns=columns,
+                units=units,
+                wrap=wrap,
+                prefix=prefix,
+                law=law,
+                reference=reference,
+                initial=initial,
+                held=held,
+                torque_delay=torque_delay,
             )
         # These would be ignored without a word, since the formats of the library have fixed units.
         if units is not None or wrap is not None or prefix or torque_delay:
@@ -218,8 +222,18 @@ class FromFiles:
         if columns is None:
             # Its header states rig and law, so no mapping is needed.
             if record_csv.is_own(path):
+                # It refuses what it has no use for.
                 return cls.from_csv(
-                    path, rig=rig, law=law, reference=reference, initial=initial, held=held
+                    path,
+                    rig=rig,
+                    law=law,
+                    reference=reference,
+                    initial=initial,
+                    units=units,
+                    wrap=wrap,
+                    prefix=prefix,
+                    held=held,
+                    torque_delay=torque_delay,
                 )
             n = None if rig is None else instance("rig", rig, Rig, "Pass rig=.").n
             contents = contents_of(path, n=n, prefix=prefix, episode=episode)
@@ -228,16 +242,20 @@ class FromFiles:
         with load_errors(path):
             # The suffix chooses the reader; a folder is known by its contents.
             kind = kind_of(path)
-        log: dict[str, Any] = {
-            "columns": columns,
-            "units": units,
-            "wrap": wrap,
-            "prefix": prefix,
-            "held": held,
-            "torque_delay": torque_delay,
-        }
         return cls._read(
-            kind, path, episode, rig=rig, law=law, reference=reference, initial=initial, **log
+            kind,
+            path,
+            episode,
+            rig=rig,
+            columns=columns,
+            units=units,
+            wrap=wrap,
+            prefix=prefix,
+            law=law,
+            reference=reference,
+            initial=initial,
+            held=held,
+            torque_delay=torque_delay,
         )
 
     @classmethod

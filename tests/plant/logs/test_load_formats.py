@@ -392,6 +392,17 @@ def test_wrong_calls_are_refused_before_the_file_is_opened():
         assert not isinstance(refusal.value, LoadError)
 
 
+@pytest.mark.parametrize("given", [{"units": UNITS}, {"prefix": "run."}, {"torque_delay": 1}])
+def test_what_serves_a_mapping_alone_is_refused_of_an_own_file(tmp_path, given):
+    path = tmp_path / "own.csv"
+    Record.from_table(log(20), rig=RIG, columns=COLUMNS, units=UNITS, law=puma560.p_law()).to_csv(
+        path
+    )
+    assert len(Record.read(path)) == 20
+    with pytest.raises(ValueError, match="are for mapped columns"):
+        Record.read(path, **given)
+
+
 def test_limits_reach_the_child(tmp_path, monkeypatch):
     """What the child is told: its own time, memory and the size of the columns."""
     seen = {}
