@@ -62,6 +62,7 @@ class PathSettings:
         (4, 20, 0.0),
         (4, 10, 12.0),
         (4, 8, 12.0),
+        (2, 3, 12.0),
     )
     deviation: float = 1.5
     speed: float = 0.5
