@@ -96,15 +96,15 @@ def identify(
     settings : GeneticSettings, optional
         By default `GeneticSettings.paper()`.
     steps_per_sample : int
-        Sub-steps of the model between two samples, to begin with: the default method takes more
-        where these change its innovations by a part of a rounding.
+        Sub-steps of the model between two samples, at first. The default method takes more as long
+        as more sub-steps change its innovations by more than a small part of the rounding error.
     sweeps : int
         Sweeps of its friction law in each sub-step.
     threads : int, optional
         By default one per core.
     held_out : Record or sequence of Record, optional
-        Records that are not searched, only repeated with the result; by default the last of
-        several, except by the paper's method. Give () to search them all.
+        Records that are not fitted: the result is only tested on them. By default this is the last
+        of several records; with ``method="paper"`` there is none. Give () to fit all records.
     zeros : bool
         In logs that replay their torque: the counters were set to zero where the arm happened to
         hang, so the positions of the joints then are unknown as well, for each record
@@ -113,8 +113,8 @@ def identify(
         Find stiffness and damping of all gears too, whatever the rigs state:
         ``found.fit.resonance``.
     tolerances : Tolerances, optional
-        Within which the rigs are right; intervals count them. ``Tolerances.none()`` takes rigs for
-        exact.
+        How far the values stated in the rigs may be from the truth. The intervals of the result
+        include this uncertainty. ``Tolerances.none()`` takes the rigs as exact.
     prior : float, or tuple of bodies or f and a float, optional
         Knowledge of f before the log, for the part of f that the log does not excite: the relative
         standard deviation of the chain's own bodies, as 0.3; or ``(bodies, 0.3)`` of other bodies,
@@ -191,7 +191,7 @@ def identify(
         # The stored stages are bound to the inputs: a change of any refuses the file.
         with Checkpoint(checkpoint, "identify").bind(lambda: problem.inputs) as stored:
             problem = replace(problem, checkpoint=stored)
-            result = _with_own_rows(problem, hypotheses, bar, started)
+            result = _with_hypotheses(problem, hypotheses, bar, started)
         # Once, at the end: `_identified` calls itself for the fallback.
         with _part(bar, "warnings"):
             warn_of_doubts(result, "identify")
@@ -206,7 +206,7 @@ def _part(bar: ProgressBar, name: str) -> contextlib.AbstractContextManager[None
     return bar.part(_SHARES[name], name)
 
 
-def _with_own_rows(
+def _with_hypotheses(
     problem: Problem, hypotheses: Sequence[Hypothesis[Any]], bar: ProgressBar, started: float
 ) -> Identification:
     """Identify, and rank a user's own hypotheses; a refusal begins with the likeliest of them."""
@@ -223,32 +223,32 @@ def _with_own_rows(
 
 
 def _identified(problem: Problem, bar: ProgressBar, started: float) -> Identification:
-    """Identify from the log alone; if no arm follows from it, beside the model's own bodies."""
+    """Identify. If that fails, or takes a rougher method, try the model's bodies as a prior."""
     try:
         with _part(bar, "search"):
             outcome = problem.checkpoint.stage("search", lambda: search(problem))
         with _part(bar, "tests of the rig"):
             result = _assess(problem, outcome, started)
     except ValueError as error:
-        # Where no arm follows from the log, one may follow beside a prior.
-        fallback = _beside_model(problem, bar, started)
+        # Where no arm follows from the log alone, one may follow with a prior.
+        with_prior = _beside_model(problem, bar, started)
         # A prior helps with f only: an error that names a number of rig or law stays.
         names = problem.dynamics.names
-        if fallback is not None and getattr(error, "name", names[0]) in names:
-            return fallback
-        # A wrong statement explains any error.
+        if with_prior is not None and getattr(error, "name", names[0]) in names:
+            return with_prior
+        # A wrong statement can cause any error, so it is named first.
         if cause := _likely_cause(problem):
             raise ValueError(f"{cause} Correct that first; as it is, {error}") from error
         raise
-    # A fallback is the result of a rougher method: the model's own bodies may do better.
+    # The search fell back to a rougher method: a prior of the model's own bodies may do better.
     if result.fit.fallback_reason is None:
         return result
-    fallback = _beside_model(problem, bar, started)
-    return result if fallback is None else fallback
+    with_prior = _beside_model(problem, bar, started)
+    return result if with_prior is None else with_prior
 
 
 def _beside_model(problem: Problem, bar: ProgressBar, started: float) -> Identification | None:
-    """Identify with the model's own bodies as a prior; None without them, or if doubts remain."""
+    """Identify with the model's own bodies as a prior; None where that cannot help."""
     dynamics = problem.dynamics
     records = problem.records
     if problem.prior is not None:
@@ -271,7 +271,7 @@ def _beside_model(problem: Problem, bar: ProgressBar, started: float) -> Identif
 
 
 def search(problem: Problem) -> Outcome:
-    """Outcome of the method of a problem; a progress bar counts generations, and a fit as many."""
+    """Run the method of a problem; half of its progress is for generations, half for a fit."""
     total = 2 * problem.settings.generations
     with progress_bar(total, "search", "generation", False) as bar:
         # The method calls it after every generation.
@@ -284,7 +284,7 @@ def search(problem: Problem) -> Outcome:
 
 def _assess(problem: Problem, outcome: Outcome, started: float) -> Identification:
     """The result: the arm, and how well it repeats the records."""
-    # What the fit needed, its tests need as well.
+    # The tests take as many sub-steps as the fit needed.
     problem = problem.in_steps(outcome.steps)
     # 1. Objective (4) of the values.
     # Methods do not store the prior; the result reports which combinations come from it.
@@ -305,7 +305,7 @@ def _assess(problem: Problem, outcome: Outcome, started: float) -> Identificatio
     )
     fit = diagnostics.detection.widened(fit)
     arm, rig, law = problem.parts(fit.values)
-    # Backlash gives like a soft gear: the stiffness is reported as a bound then.
+    # Backlash yields like a soft gear, so the stiffness is then reported as a bound.
     if fit.resonance is not None and diagnostics.detection.played:
         resonance = fit.resonance.beside_backlash(diagnostics.detection.played)
         fit = replace(fit, resonance=resonance)
@@ -327,7 +327,7 @@ def _likely_cause(problem: Problem) -> str:
     """The first contradiction between the records and what is stated, as a sentence; or none."""
     dynamics = problem.dynamics
     for k, record in enumerate(problem.records):
-        # Short logs refuse a test of what they state.
+        # A test of the statements refuses a log that is too short.
         with contextlib.suppress(ValueError):
             statements = of_statements(record.rig, problem.records, dynamics.chain)
             for line in itertools.chain(wrong_statements(dynamics, record), statements):

@@ -175,12 +175,12 @@ class ComputedTorque(ModelLaw):
         gains: DefaultGainSettings = GAINS,
         **fields: Any,
     ) -> Self:
-        """The law with its default gains by other `gains` settings; `fields` are as of the class.
+        """The law with default gains from `gains`; `fields` are the fields of the class.
 
         Raises
         ------
         ValueError
-            As of the class; elastic gears on which no bandwidth is stable.
+            As the class does; elastic gears on which no bandwidth is stable.
         """
         instance("gains", gains, DefaultGainSettings, "Give DefaultGainSettings.")
         trial = functools.partial(cls, getattr(arm, "arm", arm))
@@ -203,7 +203,7 @@ class ComputedTorque(ModelLaw):
     # -- the blocks -------------------------------------------------------------------------------
     @property
     def gears(self) -> type[RigidGears] | type[ElasticGears]:
-        """How the model carries its links."""
+        """Gears of the model: rigid, or elastic where it has gains for them."""
         return RigidGears if self.gear_gains is None else ElasticGears
 
     @property
@@ -323,15 +323,15 @@ class ComputedTorque(ModelLaw):
         before = self.fields.read(state, n)
         begun = before.begun
 
-        # 1. What the reference needs now.
+        # 1. Torque that the reference needs now.
         gears = self.gears.at(self, setpoint, before, dt)
         speed = coupling.shaft(setpoint.qd)
         load = gears.needed - self.rig.drive.rotor_torque(setpoint.qdd)
         friction = self.friction_model.at(before.friction, speed, load)
         needed = gears.needed + friction.needed
 
-        # 2. Predict from the torque that really acted. The reference moved on while it was held:
-        # what was needed is the mean of then and now.
+        # 2. Predict from the torque that really acted. The reference moved on while this torque
+        # was held, so the needed torque is the mean of its last and its present value.
         deviation = gears.deviation(before, coupling)
         acted = self.frames.acted(before.frames, torque)
         pushed = acted - (before.needed + needed) / 2 - before.disturbance
@@ -375,11 +375,11 @@ class ComputedTorque(ModelLaw):
         )
         holding = coupling.shaft_torque(needed + disturbance)
         ahead = braked(ahead, self.rig, holding, gears, self.bandwidth)
-        # Dry friction acts along the speed that is desired: the reference's, and that at which the
-        # error should go.
+        # The torque against dry friction acts in the direction of the desired speed. This is the
+        # reference's speed plus the speed at which the error should decay.
         desired = speed + bandwidth * ahead.angle / 2
         sliding = speed_share(self.rig, desired, settings.sliding_speed)
-        # What is needed goes on to the middle of the sample in which the torque acts.
+        # Extrapolate the needed torque to the middle of the sample in which the command acts.
         period = self.rig.period
         coming = begun * (0.5 + self.delay + late / period) * period / dt * (needed - before.needed)
         planned = coupling.shaft_torque(needed + coming + disturbance) + friction.level * sliding
@@ -411,8 +411,12 @@ class ComputedTorque(ModelLaw):
         pushed: ca.SX,
         time: ca.SX,
     ) -> tuple[Deviation, ca.SX]:
-        """Deviation after `time` under a joint torque beyond the needed, and friction's impulse."""
-        # The reference's viscous friction is among what it needs; here acts that of the deviation.
+        """Predict the deviation and the impulse of dry friction after `time`.
+
+        `pushed` is the joint torque beyond the needed torque and the disturbance.
+        """
+        # The needed torque contains viscous friction at the reference's speed. Here the part of
+        # the deviation's rate is added.
         push = self.rig.drive.coupling.shaft_torque(pushed) + friction.viscous * deviation.rate
         return gears.moved(
             deviation, push, functools.partial(friction.impulse, impulse, time), time

@@ -179,9 +179,14 @@ class Extended(Stacked):
         self.gains = prediction.nuisances
         self.gain_steps = prediction.nuisance_steps
         self.gain_bounds = prediction.nuisance_bounds
-        self.kinds = self._logs[0].kinds
+        # Records of different laws have different numbers of the law.
+        least: dict[str, float] = {}
+        self.kinds = {}
+        for log in reversed(self._logs):
+            self.kinds = {**log.kinds, **self.kinds}
+            least |= {name: log.least(name) for name in log.kinds}
         self.extra = tuple(self.kinds)
-        self.least = np.array([self._logs[0].least(name) for name in self.extra])
+        self.least = np.array([least[name] for name in self.extra])
         gain_names = prediction.unknown[len(prediction.unknown) - len(self.gains) :]
         self.unknown = (*unknown, *gain_names, *self.extra)
         weights = [log.prediction.weights for log in self._logs]
@@ -373,6 +378,11 @@ class _Log:
 
     def all_innovations(self, vectors):
         """Innovations at values and extra numbers, each in the loop that it needs."""
+        # Numbers of the laws of other records do nothing here.
+        vectors = [
+            (values, {name: extra[name] for name in extra if name in self.kinds})
+            for values, extra in vectors
+        ]
         # Stiff springs are not quite rigid gears: only vectors whose gears give take that loop.
         gives = [
             self._rigid and any(extra[name] for name in extra if self.kinds[name].gives)

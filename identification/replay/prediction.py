@@ -154,14 +154,16 @@ def _observer(n: int, simulated: bool, replayed: bool) -> Correction:
 class Prediction(Stacked):
     """Innovations of a model that follows records.
 
-    `unknown`: all of f, and numbers of rig and law; by default f. `simulated`: without correction:
-    simulated, not predicted. `zeros`: where the joints are when their counters say zero is unknown,
-    in each record anew. `memories`: of each record, in which directions the state of its law before
-    the log is unknown; None where it is known. `steady`: leave out samples while a joint is slow,
-    and for a while after it: on elastic gears single counts are felt. `prior`: of f; its
-    deviations, times the noise of an innovation, come before the innovations. `moving`: leave out
-    joints that hardly move, which friction holds at will; so it is with a prior.
-    `steps_per_sample`, `sweeps`, `threads`: as for `Objective`.
+    `unknown`: names of f, and of numbers of rig and law; by default all of f. `simulated`: correct
+    nothing, so that records are simulated instead of predicted. `zeros`: the joint positions at
+    zero counts are unknown, separately in each record. `memories`: for each record, the directions
+    in which the state of its law before the log is unknown; with a memory, position and speed at
+    the first sample are unknown too; None where all are known. `steady`: leave out the samples at
+    which a joint is slow, and some samples after them, because an arm on elastic gears responds to
+    single counts. `prior`: a prior of f; its rows come before the innovations: deviations from it,
+    times the noise of an innovation. `moving`: leave out joints that hardly move, because their
+    friction can take any value; a prior implies `moving`. `steps_per_sample`, `sweeps`, `threads`:
+    as for `Objective`.
 
     Attributes: `unknown`: what `innovations` takes values for: the given names, then those of the
     *nuisances*: observer gains (``correction.position[0]`` and so on), the zeros of each record,
@@ -276,7 +278,7 @@ class Prediction(Stacked):
         for followed, zeros, memory in zip(
             self._followed, self._zeros, self._memories, strict=True
         ):
-            # A record sees the unknowns of all records, and of the others only its own.
+            # A record takes the shared unknowns, and its own zeros and memory.
             parts = [values[self._shared], values[zeros], values[memory]]
             yield followed, np.concatenate(parts)
 
@@ -298,11 +300,13 @@ class Prediction(Stacked):
         )
 
     def widest(self, directions: Floats) -> Floats:
-        """Directions (u, k) of the same space that readings do not determine, as wide as it is.
+        """Directions (u, k) that span the same undetermined space, one standard deviation long.
 
-        Each is one standard deviation long, and they are independent. An integral can hold any
-        torque that the amplifier gives, whatever it held in the log; the arm began near its counts,
-        and a torque tells the state within its noise.
+        They are independent. Their lengths follow from the largest plausible magnitudes of the
+        remembered numbers. A state can be any torque that the amplifier gives, up to a multiple of
+        its usual magnitude, whatever it was in the log. A state that a torque tells is known within
+        the noise of that torque. Position and speed at the start are near their counts, but have a
+        wide margin beside an unknown state.
         """
         largest = ROUNDING / self._expected
         begin = directions.shape[1] - len(largest)
@@ -319,7 +323,7 @@ class Prediction(Stacked):
         # The whole space at once: one direction alone may be limited where two together are not.
         expected = directions[:, begin:] / largest
         squares, axes = np.linalg.eigh(np.einsum("ik,jk->ij", expected, expected))
-        # What nothing limits is as wide as a number can tell.
+        # A direction that nothing limits gets the largest length that rounding errors allow.
         sizes = np.sqrt(np.maximum(squares, np.finfo(float).eps * squares[-1]))
         return axes.T / sizes[:, None] @ directions
 
@@ -452,28 +456,29 @@ class Prediction(Stacked):
 def _add_memory(vector, k, record, memory):
     """Add the state of a record's law and arm before its log to the nuisances.
 
-    Returns one over their expected magnitudes, in RMS roundings, and the weight of each.
+    Returns, for each added number, one RMS rounding over its expected magnitude, which is the
+    factor that turns the number into a row of the fit; and the weight of that row.
     """
     n = record.n
     vector.add(
         [f"record[{k}].memory[{i}]" for i in range(memory.usual.size)], step=SETTINGS.state_step
     )
-    # A joint that hardly leaves its count rests, or creeps: its counts show no position in it, and
-    # no speed, beside what friction hides.
+    # A joint that moves by at most one count rests or creeps. Its counts show neither its position
+    # within the count nor its speed, and friction hides both. A step of zero keeps both.
     travel = np.ptp(record.counts[:FADED], axis=0)
-    # A joint must not turn back within a difference: there friction changes its sign.
+    # The step must not reverse the direction of the joint, because friction changes sign there.
     pulse = np.abs(np.diag(record.rig.to_angle(np.eye(n))))
-    slowest = pulse * travel / (FADED * record.rig.period)
+    shown_speed = pulse * travel / (FADED * record.rig.period)
     steps = {
         "begin": np.full(n, SETTINGS.begin_step),
-        "speed": np.minimum(SETTINGS.speed_step, SETTINGS.share_of_speed * slowest),
+        "speed": np.minimum(SETTINGS.speed_step, SETTINGS.share_of_speed * shown_speed),
     }
     for name, step in steps.items():
         for i in range(n):
             vector.add([f"record[{k}].{name}[{i}]"], step=step[i] * (travel[i] > 1))
     # The arm can be off by a pulse, and by a pulse per sample.
     magnitudes = np.concatenate([memory.deviations, pulse, pulse / record.rig.period])
-    # A state that a torque tells is a reading; a usual magnitude is none.
+    # A state that a torque tells counts as a reading; an expected magnitude does not.
     weights = np.zeros(len(magnitudes))
     weights[: memory.usual.size] = memory.noise is not None
     return ROUNDING / magnitudes, weights

@@ -30,9 +30,11 @@ from identification.search.problem import Problem
 from plant import Arm, Law, Record, Resumed, Rig, replay
 from plant.laws.resumed import AlongLog
 from plant.machine.inner_loop import InnerLoop
+from plant.parts.fields import Floats
 from plant.simulation.followed_path import in_motion, is_start_open
 
-# Steps of the differences, in standard deviations of the unknowns: small beside their likelihood.
+# Steps of the differences, in standard deviations of the unknowns: small against the width of the
+# likelihood.
 _STEP = 0.05
 
 
@@ -78,18 +80,19 @@ def with_memory(problem: Problem, fitted: Callable[[Problem], Outcome]) -> Outco
     if began.fit.covariance is None or resumed.fit.gains is None:
         return resumed
 
-    # 3. The likelier hypothesis stays until the log refutes it. In both the arm's position and
-    # speed at the first sample are unknown, within a count.
+    # 3. The likelier hypothesis stays until the log refutes it. For the comparison the arm's
+    # position and speed at the first sample are unknown in both, within a count.
     stated = tuple(
-        None if memory is None else Memory.known(law.state)
+        None if memory is None else Memory.known(_state_of(law))
         for law, memory in zip(laws, memories, strict=True)
     )
     began_near = replace(problem, memories=stated)
     # A controller that had been moving the arm was at work; else the simpler hypothesis is the
     # likelier one.
     running = any(map(in_motion, problem.objective.records))
-    # Where no reading tells, neither is simpler: the state lies where the law keeps it at work.
-    # So it is also where the readings tell much less of the values once the state is open.
+    # The readings may not determine the state, or may determine the values much less once the
+    # state is unknown. Then neither hypothesis is simpler: the state is assumed to lie where a
+    # running law keeps it, if `passes_start` holds for any record.
     untold = bool(resumed.fit.undetermined)
     untold |= bool((WEAK.determined * resumed.fit.std > began.fit.std).any())
     running |= untold and any(
@@ -98,6 +101,11 @@ def with_memory(problem: Problem, fitted: Callable[[Problem], Outcome]) -> Outco
     )
     refuted = _refuted(began_near, began.fit, resumed.fit, memories, running=running)
     return resumed if refuted else began
+
+
+def _state_of(law: Any) -> Floats:
+    """State (s,) with which a law resumes; empty of one that begins with its log."""
+    return law.state if isinstance(law, Resumed) else np.empty(0)
 
 
 def with_starts(problem: Problem) -> Problem:
@@ -110,28 +118,31 @@ def with_starts(problem: Problem) -> Problem:
         zip(problem.records, problem.objective.records, strict=True)
     ):
         law: Any = record.law
-        # Of a repeated torque, and of a servo, the first samples are left out in place of this; a
-        # state that is stated comes with the instant at which its controller read the arm.
-        left_out = law.replays in ("torque", "current") or isinstance(law, InnerLoop)
-        left_out |= bool(law.replays) and isinstance(logged.law, Resumed)
-        if memories[k] is None and is_start_open(logged) and not left_out:
-            state = law.state if isinstance(law, Resumed) else np.empty(0)
-            memories[k] = Memory.known(state)
+        # The start is not made unknown in two cases. Of a repeated torque or current, and of a
+        # servo, the first samples are left out instead. Of a replayed law, a state that the user
+        # states comes with the instant at which the controller read the arm.
+        start_is_known = law.replays in ("torque", "current") or isinstance(law, InnerLoop)
+        start_is_known |= bool(law.replays) and isinstance(logged.law, Resumed)
+        if memories[k] is None and is_start_open(logged) and not start_is_known:
+            memories[k] = Memory.known(_state_of(law))
     return problem if not any(memories) else replace(problem, memories=tuple(memories))
 
 
 def _refuted(fresh, began, resumed, memories, *, running):
-    """Whether a log refutes that its laws started with it; `running`: had they been at work.
+    """Whether the logs refute that their laws started with them.
 
-    A weight and the integral of a vertical slide fit the log in either case. So a law that had
-    been at work keeps its unknown state, unless the search for it ended much too early.
+    `running`: whether the laws are presumed to have been at work before. The weight of a vertical
+    slide and the integral of its controller can fit a log under either hypothesis. A law that is
+    presumed to have been at work therefore keeps its unknown state, unless the fit with that state
+    is much worse because its search ended much too early.
 
-    Both hypotheses are compared at the same observer gains: these are searched, and may end
-    elsewhere for a reason that is not the state of the law.
+    After a first check, both hypotheses are compared at the same observer gains. Gains that are
+    searched may differ for a reason other than the state of the law.
 
     Source: G. Schwarz, Estimating the dimension of a model, Annals of Statistics 6, 1978.
     """
-    # With fewer readings and more unknowns a fit is no worse, unless its search ended too early.
+    # The fit with unknown states has fewer readings and more unknowns. It should be no worse,
+    # unless its search ended too early.
     if not running and began.rms_innovation <= resumed.rms_innovation:
         return False
     try:
@@ -240,8 +251,8 @@ def resumed_at(
             law: Any = record.law
             if isinstance(law, Resumed):
                 law = replace(law, state=state)
-            # A simulation in closed loop runs the controller itself, not its log; one without a
-            # memory has nothing to resume but the motion of the arm.
+            # The controller itself resumes from the fitted state, unless `reading` and its law
+            # follows the log. Without a memory only the motion of the arm is resumed.
             if state.size and (not isinstance(law, AlongLog) or not reading):
                 law = Resumed(law=law.law if isinstance(law, Resumed) else law, state=state)
             record = replace(record, law=law, initial=resumption.initial)

@@ -88,14 +88,15 @@ class FitSettings:
         Steps per sample of the integration for which the values are corrected: in log 146 of
         ``tests/benchmarks/any_rig.py`` 4 steps moved them by up to 7.9 deviations, 16 by 2.1.
     coarse, near : float
-        Change of the innovations by finer steps [pulses, rms] above which the fit is made in these,
-        and RMS innovation up to which it is. Rounding is 0.29; logs at 1 ms changed by 0.02 and
-        less, logs at 5 and 10 ms by up to 1.2, and their values by 27 deviations.
+        The fit is repeated in finer integration steps where these change the innovations by more
+        than `coarse` [pulses, rms] and its RMS innovation is at most `near` [pulses]. Rounding
+        alone gives 0.29. Finer steps changed the innovations of logs at 1 ms by 0.02 and less, of
+        logs at 5 and 10 ms by up to 1.2, and their values by 27 deviations.
     refined, finest : int
-        Ratio of the numbers of steps of two such fits, and steps per sample from which on no finer
-        ones are tried.
+        Factor by which such a repetition multiplies the steps per sample, and steps per sample from
+        which on it is not tried.
     moved : float
-        Change of a value, in standard deviations, below which they are not corrected.
+        A correction is not made if it changes every value by less than this [standard deviations].
     corrections : int
         Corrections at most, each at the slopes of coarse steps.
     """
@@ -173,7 +174,8 @@ def torque_fit(problem: Problem) -> TorqueFit:
     for fit in fits.values():
         if follows(fit):
             return fit
-    # The residual hardly tells an arm from the nearest numbers that are none.
+    # Impossible bodies fit the torques hardly better than the nearest possible ones. So try the
+    # nearest possible bodies.
     for fit in fits.values():
         possible = with_possible_bodies(problem.dynamics, problem.records[0].rig, fit)
         if possible is not None and follows(possible):
@@ -295,8 +297,8 @@ def polished(
 ) -> Outcome:
     """Prediction-error fit from a start (output-error fit, if simulated).
 
-    The values are those of the start where D(q) of the fit leaves less than the motors' inertia.
-    `nuisances` (m,): where those of the prediction begin; by default where the log shows them.
+    Where the inertia D(q) of the fit is less than that of the motors alone, the values are those of
+    the start. `nuisances` (m,): start values of the prediction's nuisances; by default its own.
     """
     prediction = problem.prediction(
         simulated=simulated, zeros=problem.zeros, memories=problem.memories
@@ -313,7 +315,7 @@ def polished(
         nuisances = prediction.nuisances
     solution = _searched(problem, prediction, np.append(start, nuisances), steps, bounds, gains)
     solution = reweighed(prediction, solution, steps, bounds)
-    # A direction that no reading determines keeps the steps that showed it.
+    # Where no reading determines a direction, keep the difference steps that revealed it.
     if any(problem.memories) and not len(solution.undetermined):
         solution, steps = finer(prediction, solution, steps, bounds, gains)
 
@@ -322,22 +324,25 @@ def polished(
         if not len(solution.undetermined):
             solution = over_whole_deviations(prediction, solution, bounds)
 
-    # What coarse steps add to the innovations is no rounding, and bends the values.
+    # Coarse integration steps add an error to the innovations that is not rounding and biases the
+    # values: the fit is repeated in finer steps.
     if gains is not None and _is_coarse(problem, prediction, solution):
         finer_steps = problem.in_steps(FIT.refined * problem.steps)
-        # A weight and the integral that holds it are found together, and go on together.
+        # A weight and the integral that holds it were estimated together: start from both.
         values, nuisances = np.split(solution.values, [k])
         return polished(finer_steps, values, step, stages, nuisances=nuisances)
 
-    # 3. Subtract the bias by rounding, where the loop of a log felt it; logs that are simulated for
-    # it, in finer steps, have that of coarse steps as well.
+    # 3. Subtract the bias by rounding where the loop of a log responded to single counts. The logs
+    # that are simulated for it are integrated in finer steps, so that this bias includes the one of
+    # the coarse steps.
     rounding = None
     rounding_innovation = 0.0
     if prediction.rounds:
         solution, rounding, rounding_innovation = _unbiased(
             prediction, solution, bounds, problem.seed
         )
-    # Weak directions of unknown memories belong to the steps that showed them.
+    # Where a state at the first sample is unknown, weak directions were found with the present
+    # integration steps: the values stay as they are.
     elif gains is not None and not any(problem.memories):
         solution = _in_fine_steps(problem, prediction, solution, bounds)
 
@@ -384,9 +389,9 @@ def finer(
 ) -> tuple[Solution, Floats]:
     """The solution by differences over a share of its standard deviations, and their steps.
 
-    Weights of a slow joint and the integral of its controller lie in a narrow curved valley. Steps
-    wider than the valley give slopes that cancel on its slope already: a search ends there, and
-    takes the wrong curvature for knowledge.
+    The weight on a slow joint and the integral of its controller lie in a narrow, curved valley of
+    the sum of squares. Central differences that are wider than the valley cancel on its sides. The
+    search ends there, and the wrong curvature gives too small a covariance.
     """
     for _ in range(FIT.refinements):
         std = np.sqrt(np.diag(solution.covariance))
@@ -409,8 +414,8 @@ def from_inside(
 ) -> Solution:
     """A solution whose covariance comes from observer gains (2n,) that are inside their bounds.
 
-    A joint whose gains end at their lower bounds is followed in open loop: its innovations are one
-    long error, and count as thousands of readings that agree.
+    A joint with a gain at its lower bound counts as followed in open loop. Its innovations are
+    strongly correlated, but would be counted as thousands of independent readings.
     """
     ended = solution.values[gains] <= bounds[gains, 0]
     if not (ended & (steps[gains] > 0)).any():
@@ -419,7 +424,7 @@ def from_inside(
     position = FIT.staged_gains[-1]
     inside = np.repeat([position, FIT.critical * position**2], joints)
     values = solution.values.copy()
-    # Both gains of such a joint, since one alone corrects nothing.
+    # Raise both gains of a joint if either one ended at its lower bound.
     ended = np.tile(ended.reshape(2, joints).any(axis=0), 2)
     values[gains] = np.where(ended, np.fmax(inside, values[gains]), values[gains])
     fixed = steps.copy()
@@ -478,12 +483,12 @@ def _with_undetermined(outcome, prediction, solution):
     names = []
     for wide in prediction.widest(solution.undetermined)[:, :k]:
         covariance += np.outer(wide, wide)
-        # Other unknowns turn a little with the direction: within their deviation by noise.
+        # Name only unknowns that change along the direction by more than their deviation by noise.
         parts = np.abs(wide) > np.sqrt(np.diag(outcome.fit.covariance))
         names.append(
             tuple(name for name, part in zip(outcome.fit.unknown, parts, strict=True) if part)
         )
-    # Directions of the state alone turn no unknown; several may turn the same ones.
+    # A direction of the state alone changes no unknown: drop it. Name equal groups only once.
     groups = tuple(dict.fromkeys(filter(None, names)))
     return replace(outcome, fit=replace(outcome.fit, covariance=covariance, undetermined=groups))
 
@@ -501,13 +506,13 @@ def _searched(
     Far from the log, with observer gains at their lower bounds, a fit no longer follows it. The
     inertia of a joint that is little more than its rotor's has a second optimum below zero.
     """
-    # Where the memory of a law is known, or nearly so, the innovations are linear enough for free
-    # gains from the start.
-    remembered = any(
+    # An unknown state of a law makes the innovations too nonlinear for free observer gains at the
+    # start: they are lowered by stages. A state that a torque tells is known well enough.
+    unknown_state = any(
         memory is not None and memory.usual.size and memory.noise is None
         for memory in problem.memories
     )
-    staged = gains if remembered else None
+    staged = gains if unknown_state else None
     best = by_stages(prediction, start, steps, bounds, staged)
 
     def better(values, gains):
@@ -618,14 +623,16 @@ def _in_fine_steps(problem, prediction, solution, bounds):
     if problem.steps >= FIT.fine_steps:
         return solution
     fine = _in_steps(problem, prediction, FIT.fine_steps)
-    # 1. Newton steps by the slopes of coarse steps: those of fine ones would cost a search.
+    # 1. Gauss-Newton steps with the slopes of the coarse integration: slopes in fine steps would
+    # take as long as a search.
     names = [prediction.unknown[i] for i in solution.varied]
     coarse = solution.residual / prediction.scales
     inverse = least_squares(names, solution.slopes, coarse, dependent=prediction.dependent)[1]
     std = np.sqrt(np.diag(solution.covariance)[solution.varied])
     values = solution.values.copy()
     for _ in range(FIT.corrections):
-        # Zero beside the optimum: the slopes are orthogonal to what remains there.
+        # The coarse innovations are subtracted: at the optimum they are orthogonal to the slopes,
+        # and elsewhere they hold the step that the coarse fit would take.
         added = fine.innovations(values) - coarse
         change = -inverse @ np.einsum("mi,m->i", solution.slopes, added)
         if not np.isfinite(change).all() or (np.abs(change) < FIT.moved * std).all():
@@ -691,7 +698,8 @@ def _unbiased(prediction, solution, bounds, seed):
     unbiased = replace(
         solution, values=np.clip(values, *bounds.T), covariance=scale * solution.covariance
     )
-    # Where the logs differ from the log, as at rest, their mean is no rounding of this log.
+    # Where the simulated logs differ from the measured one, as at rest, their mean is not its
+    # rounding error. Keep only the part of the mean that the measured log contains.
     mean = sum(logs) / len(logs) * prediction.scales
     share = dot(mean, solution.residual) / max(dot(mean, mean), 1e-300)
     innovations = np.concatenate([log * prediction.scales for log in logs])

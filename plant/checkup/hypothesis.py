@@ -137,7 +137,7 @@ class Candidate(NamedTuple):
     log_odds: float
     # A function: undoing a mistake takes time, and only the likeliest candidate is undone.
     corrected: Callable[[], Any]
-    # A size alone cannot say all that a sentence needs, such as the unit in place of another.
+    # Words that a sentence needs beside the size, such as the unit that was used by mistake.
     words: Mapping[str, str] = {}
 
 

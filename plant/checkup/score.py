@@ -38,10 +38,10 @@ class ScoreSettings:
     command_rows : int
         Rows of logged and commanded torques that are compared, at most.
     tracking, command, steps, motion, uncoupled : float
-        Share of the variance (0 to 1) that each equation leaves unexplained in a right log: by lag
-        of the loop; by rounding; by the unknown memory of a law; by pose and couplings that the
-        equation of motion does not have, of few joints and of more (a real arm of six leaves up to
-        0.03).
+        Share of the variance (0 to 1) that an equation leaves unexplained in a right log.
+        `tracking`: the loop lags. `command`: values are rounded. `steps`: the memory of the law is
+        unknown. `motion` (few joints) and `uncoupled` (more joints): the equation of motion lacks
+        effects of pose and couplings (a real arm of six joints leaves up to 0.03).
     soft : float
         Standard deviation of the logarithm of the scale at which the counts of a right loop follow:
         gravity and springs hold the joint against a soft loop.
@@ -148,9 +148,9 @@ class Experiment:
         quantity: Callable[..., Any],
         *arguments: Any,
     ) -> Any:
-        """A quantity of joint i and of these inputs; that of the base where all are its own."""
+        """Value of `quantity` for joint i; the base's value if the base had the same inputs."""
         before, value = (self.base and self.base._of_inputs.get((name, i))) or (None, None)
-        # Objects are compared, not their values: a change of a log leaves its other columns alone.
+        # Compare identity, not values: a change of a log keeps the objects of its other columns.
         if before is None or any(a is not b for a, b in zip(before, inputs, strict=True)):
             value = quantity(*arguments)
         self._of_inputs[name, i] = inputs, value
@@ -190,7 +190,7 @@ class Experiment:
             return shares, likelihoods
         for i in range(self.n):
             reference = self.filtered("reference", i)
-            # Beside a goal that rests the counts move by noise alone, whatever their scale.
+            # While the reference rests, the counts move by noise alone and show no scale.
             if np.mean(reference.speed**2) > noise and not self.cut_off[i]:
                 columns = reference, self.filtered("counts", i)
                 shares[i], likelihoods[i] = self.as_before(
@@ -283,8 +283,8 @@ class Experiment:
         if commanded is None:
             return None
         limited = self._limited(commanded)
-        # Single peaks beyond the limit are those of counts that are late or noisy. A log whose
-        # commands are mostly beyond it shows the limit.
+        # A few peaks beyond the limit come from late or noisy counts. The limit is applied only if
+        # most commands of a joint are beyond it.
         share = np.mean(~np.isclose(commanded, limited), axis=0)
         return limited if (share > SETTINGS.limited).any() else commanded
 
@@ -353,8 +353,9 @@ class Experiment:
             return {}
         if self.slow_command is None:
             return {"command": -half * np.log(self.command + SETTINGS.command)}
-        # Steps that the law does not explain differ by noise alone. Of steps over a window one per
-        # window is independent. The clearer evidence of both counts.
+        # Shares above `unlike` differ by noise alone, so they are clipped there. Of steps over a
+        # window only one per window is independent, so their evidence is divided. The clearer of
+        # the two pieces of evidence is taken.
         unlike = SETTINGS.unlike + SETTINGS.steps
         quick, slow = (
             np.log(unlike / (np.minimum(share, SETTINGS.unlike) + SETTINGS.steps))
@@ -404,7 +405,8 @@ class Experiment:
         if self.base is None or self.base.torque is None:
             power = np.var(self.torque, axis=0)
             return power.max() / np.maximum(power, RIDGE * power.max() or 1.0)
-        # Another unit makes no motor stronger: a column that was another motor's is as weak as it.
+        # A change of unit leaves the weakness of a motor as it is in the base. A column that was
+        # another motor's in the base has that motor's weakness.
         rows = slice(None, None, max(1, len(self.torque) // FILTER.rows))
         before, after = (centred(torque[rows]) for torque in (self.base.torque, self.torque))
         sizes = np.outer(np.linalg.norm(after, axis=0), np.linalg.norm(before, axis=0))
@@ -427,10 +429,10 @@ class Experiment:
         return _total(self.beside_law) + self.n * float(explained)
 
     def gain(self, changed: Self, least: float) -> float:
-        """How much likelier a change makes the log; an upper bound where that is below `least`.
+        """Gain in log likelihood by a change, or its upper bound if that is below `least`.
 
-        A run of the law along the log takes most of the time of a trial, and cannot make up for
-        counts that follow no reference and a motion that needs another torque.
+        A run of the law along the log takes most of the time of a trial. It is left out if even its
+        best result cannot raise the gain to `least`.
         """
         most = changed.largest_score - self.score
         return most if most < least else changed.score - self.score
@@ -471,8 +473,9 @@ def _following(reference, counts, noise, half):
     share = np.minimum((np.maximum(least, 0.0) + noise) / (squares[-1, -1] + noise), 1.0)
     likelihood = -half * np.log(share + SETTINGS.tracking) - _SCALES**2 / 2
     best = int(np.argmax(likelihood))
-    # At the ends the best scale lies beyond those of soft loops: such counts follow nothing. Those
-    # that an error of the wrong sign gives, beside counts that rest, move twice as far.
+    # A best scale at either end lies outside the range of soft loops: the counts follow nothing. An
+    # example is an error of the wrong sign: the counts of a joint that rests then seem to move
+    # twice as far as the reference.
     if best in (0, len(_SCALES) - 1):
         return 1.0, float(-half * np.log(1 + SETTINGS.tracking))
     return float(share[best]), float(likelihood[best])
@@ -492,5 +495,5 @@ def _shares(torques):
     return np.array([share(a, b) for a, b in zip(*(x.T for x in torques), strict=True)])
 
 
-# Correlation of two columns of a torque that are one, in other units.
+# Correlation, in absolute value, above which two columns of torque are one, perhaps in other units.
 _THE_SAME = 0.999

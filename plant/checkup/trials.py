@@ -47,15 +47,16 @@ class Trials:
                 self._name(hypothesis, "changes nothing in this log")
             return experiment.changed(record)
 
-        evidence = hypothesis.evidence and hypothesis.evidence(experiment, joints)
-        if evidence is None:
-            evidence = self._scored(experiment, hypothesis, joints, changed)
+        own = hypothesis.evidence and hypothesis.evidence(experiment, joints)
+        scored = own is None
+        evidence = self._scored(experiment, hypothesis, joints, changed) if scored else own
         names = _column_names(experiment, joints)
         for size, gain in evidence:
-            if hypothesis.evidence is not None:
-                # A mistake that cannot be undone here is none of this log's.
+            if not scored:
+                # This raises a ValueError where the log cannot have this mistake.
                 undone = changed(size)
-                # Evidence of its own joins that of the score, which sees more of a large mistake.
+                # The larger of its own evidence and that of the score counts: the score sees more
+                # of a large mistake.
                 if hypothesis.scored:
                     gain = max(gain, experiment.gain(undone, gain))
             odds = gain - hypothesis.against
@@ -89,14 +90,15 @@ class Trials:
         if joints and sum(_gains(experiment, changed(size), joints).values()) < 0:
             return []
         delay = hypothesis.check == "delay"
-        # What fast hardware reads beside the instant of the log is less than a sample away.
-        if delay and abs(size) < 1 and not _of_these_joints(experiment, changed(size), joints):
+        # A shift of less than a sample may come from hardware that reads its counter beside the
+        # logged instant. It counts as a delay only if it passes the tests of `_passes_as_delay`.
+        if delay and abs(size) < 1 and not _passes_as_delay(experiment, changed(size), joints):
             return []
         tolerance = hypothesis.tolerance
         if tolerance is None:
             return [(size, most)]
-        # Where only the motion shows a delay, a score that rises up to the longest has another
-        # cause.
+        # If only the motion shows a delay and the best size is the longest one tried, the gain
+        # has another cause.
         if delay and best == len(sizes) - 1 and _silent(experiment, joints):
             return []
         grid_of_sizes = len(sizes) > 1
@@ -110,18 +112,21 @@ class Trials:
             # better.
             if -result.fun > (1 + _RUGGED) * most:
                 size, most = float(result.x), -float(result.fun)
-        # Reading between two rows averages them, which makes noise smaller on either side of a
-        # whole number of rows. What a shift gains beyond the one on the other side is evidence: of
-        # its direction, and of a delay that is no whole number.
+        # A shift by part of a row interpolates between two rows, which averages their noise. That
+        # gain is the same on both sides of a whole number. Only the gain beyond that of the
+        # mirrored shift is evidence: mirrored at the nearest whole number, for a delay that is no
+        # whole number; mirrored at zero, for the direction of the delay.
+        peak = most
         if delay:
             whole = hypothesis.whole and round(size)
             if whole and most - gain(2 * whole - size) < hypothesis.against:
                 size, most = float(whole), gain(whole)
+                peak = most
             most -= max(gain(-size), 0.0)
         # Occam: a size that the log determines well was unlikely to be just that.
         scale = 1.0 if grid_of_sizes else size
         step = 0.02 * tolerance * scale
-        curvature = (2 * most - gain(size + step) - gain(size - step)) / step**2
+        curvature = (2 * peak - gain(size + step) - gain(size - step)) / step**2
         occam = np.log1p((tolerance * scale) ** 2 * max(curvature, 0.0)) / 2
         return [(size, most - occam)]
 
@@ -136,31 +141,34 @@ def _gains(before, after, joints):
     }
 
 
-def _of_these_joints(before, after, joints):
-    """Whether the delay of these joints, or of all, is what makes the log likelier without it."""
-    # Where motion alone shows it, the motion must: an inertia that a shift makes uncertain has a
-    # likelier prior, too.
+def _passes_as_delay(before, after, joints):
+    """Whether a delay of these joints, or of all, passes the tests that the log allows."""
+    # Without a torque of the law only the motion shows a delay, so the motion must give most of the
+    # gain. The prior alone is no evidence: a shift can make an inertia uncertain, and an uncertain
+    # inertia has a likelier prior.
     if before.torques_of_law is None and before.signals.torque is not None:
         gains = _gains(before, after, joints)
         return bool(gains.get("motion", 0.0) > _EXPLAINED * sum(gains.values()))
     if before.command is None or after.command is None:
         return True
-    # Fast hardware reads its counter beside the instant of the log, and a law that cannot have made
-    # the log is a little nearer to it with late counts. Both look like a small delay, but are left
-    # as they are by one; a delay of the log explains most of the difference.
+    # Two other causes look like a small delay. Fast hardware may read its counter beside the logged
+    # instant. A law that did not make the log may come a little nearer to it with late counts.
+    # Undoing a small delay hardly reduces the difference of torques in these two cases. A real
+    # delay of the log explains most of that difference.
     chosen = columns_of(joints)
     return any(
-        later[chosen].sum() < _EXPLAINED * earlier[chosen].sum()
-        for earlier, later in (
+        undone[chosen].sum() < _EXPLAINED * delayed[chosen].sum()
+        for delayed, undone in (
             (before.command, after.command),
             (before.slow_command, after.slow_command),
         )
-        if earlier is not None
+        if delayed is not None
     )
 
 
-# Share of the difference from the law's torque that a delay leaves, at most, and of its evidence
-# that the motion gives, at least.
+# Undoing a delay must leave less than this share of the difference between the logged torque and
+# the law's. If only the motion shows the delay, the motion must give more than this share of the
+# evidence.
 _EXPLAINED = 0.5
 
 

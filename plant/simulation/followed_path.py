@@ -24,34 +24,35 @@ from plant.parts.fields import Floats
 from plant.parts.settings import frozen_settings
 from plant.simulation.clock import Clock
 
-# Samples of a path that are evaluated at once: a motion takes much memory meanwhile.
+# Largest number of samples of a path to evaluate at once: the motion takes much memory.
 _AT_ONCE = 1 << 16
 
-_ROUNDING = 1 / np.sqrt(12)  # standard deviation of a rounded count [pulses]
+_ROUNDING = 1 / np.sqrt(12)  # standard deviation of the rounding error of a count [pulses]
 
 
 @frozen_settings
 class PathSettings:
-    """Numbers by which a motion is rebuilt from commanded counts, chosen by hand.
+    """Numbers to rebuild a motion, and to estimate the initial speed, from counts; set by hand.
 
     Parameters
     ----------
     shortest : int
-        A log of up to twice as many samples is too short to be rebuilt.
+        A log is rebuilt only if it has more than twice this number of samples.
     longest : int
         Samples of the longest log that is rebuilt.
     missed : float
-        Share of the samples that may have another count than the log, which rounding explains.
+        Largest share of counts that may differ from those of the log: rounding explains so many.
     stretches : tuple of (int, int, float)
-        Polynomials that may give the initial speed, the least noise first: degree, number of
-        samples, and how many standard deviations of rounding the speed must exceed. A joint that
-        bends much within the long stretches is fast, or has just been switched on: a first count
-        that is off by 5 must not look like a speed (test_simulator.py).
+        Polynomials to fit to the first counts, the least noisy first: degree, number of samples,
+        and smallest accepted speed, in standard deviations of its error by rounding. Each joint
+        takes the speed of the first polynomial that fits its counts and reaches this speed. Where
+        only a short one fits, the joint is fast, or its controller was just switched on: a first
+        count that is off by 5 must not look like a speed (test_simulator.py).
     deviation : float
-        Largest deviation of these samples' counts from them [pulses] that rounding explains.
+        Largest distance [pulses] of a count from its polynomial that rounding explains.
     speed : float
-        Pulses per sample from which on the speed of these samples is clearly another one than the
-        reference's: rounding leaves it open to 0.13 (standard deviation).
+        Difference [pulses per sample] above which the counted initial speed is clearly not that of
+        the reference. Rounding gives the counted speed a standard deviation of 0.12.
     """
 
     shortest: int = 50
@@ -125,9 +126,10 @@ class Logged:
         return motion, self.rig.encoder.quantised(pulses) if self.whole else pulses
 
     def smoothed(self, t: Floats, finer: float = 1.0) -> Motion:
-        """The smoothest motion within the rounding of the counts; through counts with fractions.
+        """The smoothest motion that rounding allows; fractional counts are interpolated.
 
-        With `finer` times as many knots: where the two motions differ, rounding hides the true one.
+        `finer` multiplies the number of knots. Where the motions of two such numbers differ,
+        rounding hides which of them is true.
         """
         sampled = self.clock.t[self.clock.rows]
         # Fitted once: a law reads this motion at many times.
@@ -137,7 +139,7 @@ class Logged:
             if self.whole:
                 centres = encoder.position_in_pulses(encoder.cell_centre(self.pulses))
             self._splines[finer] = smooth_splines(sampled, centres, self.whole, finer)
-        # Before the log and after it the splines are not defined; the motion stands still there.
+        # The splines are defined only within the log: outside it all values are those of its ends.
         within = np.clip(t, 0, sampled[-1])
         splines = self._splines[finer]
         pulses = (np.column_stack([spline(within, k) for spline in splines]) for k in range(3))
@@ -169,7 +171,7 @@ def path_of(record: Record, clock: Clock | None = None, *, smooth: bool = False)
     off = np.abs(counts - record.reference_pulses).max(axis=1)
     # Samples that bridge a gap were not measured.
     off[record.valid == 0] = 0
-    # Rounding explains one pulse; rows of another time, as of lost messages, are found elsewhere.
+    # Rounding explains one pulse. Rows of another time, as after lost messages, are accepted here.
     wrong = np.flatnonzero(off > 1)
     if len(wrong) and not off_reference(record)[wrong].all():
         reason = _scaled(record, counts) or (
@@ -189,11 +191,11 @@ def _scaled(record: Record, counts: Floats) -> str:
     power = (moved * moved).sum(axis=0)
     ratio = np.where(power > 0, (moved * logged).sum(axis=0) / np.maximum(power, 1.0), 1.0)
     joint = int(np.argmax(np.abs(ratio - 1)))
-    # Both counts are rounded, and so are their means.
+    # Both counts have rounding errors, and so have their means.
     proportional = (np.abs(logged - ratio * moved) <= 1.5 + np.abs(ratio)).all()
     if not proportional or abs(ratio[joint] - 1) < 1e-3:
         return ""
-    # To replay the logged counts would hide that the rig counts another motion.
+    # No advice to replay the logged counts: that would hide the wrong gear, turn, sign or unit.
     return (
         "; gears (or counts per turn) are not the rig's. At"
         f" {record.rig.joint_labels[joint]} they are {ratio[joint]:.4g} times the reference's:"
@@ -207,7 +209,7 @@ def counts_along(path: Path | Logged, t: Floats) -> Floats:
 
 
 def is_rounded(record: Record) -> bool:
-    """Whether a record has its path only as whole counts, of which its law may have known more."""
+    """Whether the path is known only as whole counts, while the law may have known it exactly."""
     counts = record.reference_pulses
     law = record.law
     if record.reference is not None or law is None or law.replays or record.rig.encoder.smooth:
@@ -216,14 +218,16 @@ def is_rounded(record: Record) -> bool:
 
 
 def with_path(record: Record) -> Record:
-    """A record of a law without a period, with the smooth motion through its counts as reference.
+    """A record of a law without a period; its reference is a smooth motion through its counts.
 
     Straight lines through counts lag by half a pulse between samples, which looks like late
-    torques. The record itself is returned if its path is known, or is not smooth: its counts are to
-    be those of the motion but for one sample in twenty.
+    torques. The record itself is returned if its path is known, if its law has a period or a state,
+    if it is too short or too long, or if it does not begin at t = 0. It is returned, too, where its
+    counts are not those of a smooth motion: at most one count in twenty may differ from that of the
+    motion, and only by one pulse.
     """
-    # A law with a period reads its reference at samples alone, and a fast one with a
-    # memory needs the reference that it had.
+    # A law with a period reads its reference only at the samples. A law with a state needs the
+    # reference that it really followed.
     law: Any = record.law
     if not is_rounded(record) or law.period is not None or law.initial_state(record.n).size:
         return record
@@ -242,21 +246,22 @@ def with_path(record: Record) -> Record:
 def start_of(record: Record, path: Path | Logged) -> Any:
     """Position and velocity (n,) from which a record is replayed.
 
-    The record's `initial`; otherwise the reference's, but a joint whose first error is a pulse or
-    more (an arm that hangs in its P loop before it starts) is where its encoder reads, in the
-    middle of that quantisation cell. Without a reference the arm starts at the speed of its first
-    counts.
+    The record's `initial`, if it has one; otherwise that of the reference. But a joint whose first
+    error is a pulse or more (an arm that hangs in its P loop before it starts) begins where its
+    encoder reads, in the middle of that quantisation cell. It takes the speed of its first counts
+    if that clearly differs from the reference's and is not zero. Without a reference, or with goals
+    that are held, every joint takes the speed of its first counts.
     """
     if record.initial is not None:
         return record.initial
     q, qd = path.start()
     counted = record.rig.cell_centre(record.reference_pulses[0] - record.error_pulses[0])
-    # The encoders of coupled joints count shafts, so that each is chosen there.
+    # The encoders of coupled joints count shafts, so the choice is made for each shaft.
     coupling = record.rig.drive.coupling
     apart = np.abs(record.error_pulses[0]) >= 1
     q = coupling.joint(np.where(apart, coupling.shaft(counted), coupling.shaft(q)))
     counted_speed = _initial_speed(record)
-    # Goals that are held say nothing of a speed.
+    # No reference, or one that only holds its goals, tells the speed: take that of the counts.
     if record.reference is None or record.reference.held:
         return q, counted_speed
     # The counts of the first samples give the speed only roughly.
@@ -270,31 +275,37 @@ def start_of(record: Record, path: Path | Logged) -> Any:
 
 def in_motion(record: Record) -> bool:
     """Whether a controller had been moving the arm before the first sample."""
-    return bool((_is_open(record) & (np.abs(record.error_pulses[0]) >= 1)).any())
+    return bool((_speed_unknown(record) & (np.abs(record.error_pulses[0]) >= 1)).any())
 
 
 def is_start_open(record: Record) -> bool:
     """Whether position and speed at the first sample are known to the accuracy of counts alone.
 
-    So it is in motion, and without a reference that says where a controller began.
+    With a reference that does not only hold its goals, this is so if the arm is `in_motion`.
+    Otherwise it is so if any joint moves at an unknown speed at the start.
     """
     reference = record.reference
     told = reference is not None and not reference.held
-    return in_motion(record) if told else bool(_is_open(record).any())
+    return in_motion(record) if told else bool(_speed_unknown(record).any())
 
 
-def _is_open(record: Record) -> NDArray[np.bool_]:
-    """Joints (n,) that move at the start, where nothing but a reference says how fast."""
+def _speed_unknown(record: Record) -> NDArray[np.bool_]:
+    """Which joints (n,) move at the start at a speed that only counts or a reference tell.
+
+    None does if the record has no law or an `initial`, or if its law replays the log.
+    """
     if record.law is None or record.law.replays or record.initial is not None:
         return np.zeros(record.n, bool)
     return np.abs(record.rig.position_in_pulses(_initial_speed(record))) > 0
 
 
 def _initial_speed(record: Record) -> Floats:
-    """Initial speed (n,) [rad/s] of a polynomial through the counts of the start.
+    """Initial speed (n,) [rad/s] of a polynomial fitted to the first counts.
 
-    Zero where they hardly move, or where a controller was switched on: there they are on no
-    polynomial, or a short one shows no speed.
+    Each joint takes the first of the `stretches` that fits. Its speed is zero where none does, as
+    where a controller was just switched on. All speeds are zero where no joint moves by more than
+    one pulse within the first stretch, or where the log is shorter. A record that replays its log
+    takes the longest stretch where none fits.
     """
     polynomial = np.polynomial.polynomial
     speed = np.zeros(record.n)
@@ -317,7 +328,7 @@ def _initial_speed(record: Record) -> Floats:
         speeds.append(coefficients[1] / scale)
         speed = np.where(near & ~decided, speeds[-1], speed)
         decided |= near
-    # A record that repeats its log has no controller that was switched on.
+    # A record that replays its log had no controller switched on: its counts show real motion.
     if record.law is not None and record.law.replays:
         speed = np.where(decided, speed, speeds[longest])
     return record.rig.to_angle(speed)

@@ -56,6 +56,18 @@ def test_f_from_the_tracking_error_of_a_log_that_was_cut(name):
     assert found.diagnostics.detection.names == ()
 
 
+@pytest.mark.parametrize("order", [1, pytest.param(-1, marks=pytest.mark.slow)])
+def test_logs_of_two_controllers_are_identified_together(order):
+    """One has gains that may be wrong, and the other a state: neither has the other's numbers."""
+    p_log = simulate(ARM, RIG, puma560.p_law(), PATH, duration=2.2)
+    p_log = dataclasses.replace(p_log.cut(0.437), torque=None, current=None, reference=None)
+    found = identify(
+        ARM.dynamics, [p_log, log("PID").cut(0.437)][::order], held_out=(), progress=False
+    )
+    assert error(found) < 0.03
+    assert found.doubts == []
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["PID", "cascade"])
 def test_a_torque_injected_beside_a_law_with_a_memory_is_no_part_of_it(name):
