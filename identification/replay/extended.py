@@ -181,7 +181,7 @@ class Extended(Stacked):
         self.gain_bounds = prediction.nuisance_bounds
         # Records of different laws have different numbers of the law.
         least: dict[str, float] = {}
-        self.kinds = {}
+        self.kinds: dict[str, Number] = {}
         for log in reversed(self._logs):
             self.kinds = {**log.kinds, **self.kinds}
             least |= {name: log.least(name) for name in log.kinds}
