@@ -192,7 +192,7 @@ def identify(
         with Checkpoint(checkpoint, "identify").bind(lambda: problem.inputs) as stored:
             problem = replace(problem, checkpoint=stored)
             result = _with_hypotheses(problem, hypotheses, bar, started)
-        # Once, at the end: `_identified` calls itself for the fallback.
+        # Once, at the end: with a prior `_identified` runs a second time.
         with _part(bar, "warnings"):
             warn_of_doubts(result, "identify")
     return result

@@ -41,13 +41,14 @@ class ComputedTorque(ModelLaw):
     """tau = D-hat qdd_r + h-hat + friction + delta + L J (k1 e + k2 edot), with an observer.
 
     Once per sample the observer predicts the error e = q_r - q from the torque that was really
-    applied, with D-hat, h-hat and friction as a set: a joint that sticks is predicted to stick. It
-    corrects the error, its rate and a disturbance torque delta, joint by joint and with the gains
-    of a Kalman filter, only by the part of the innovation that exceeds `dead_zone` times half a
-    cell of the encoder. The feedback is that of a linear-quadratic regulator. It uses the inertia
-    J = 1 / (D^-1)_jj that each joint feels, and on rigid gears it carries the joints after each
-    joint along (D = L P L^T). Coulomb friction is fed forward without jumps. With elastic gears in
-    the rig the observer predicts links apart from motors, and the motors follow q_r.
+    applied. It has D-hat, h-hat and dry friction that can hold a joint: one that sticks is
+    predicted to stick. It then corrects the error, its rate and a disturbance torque delta, joint
+    by joint, with the gains of a Kalman filter, and only by the part of the innovation that exceeds
+    `dead_zone` times half a cell of the encoder. The feedback is that of a linear-quadratic
+    regulator. It uses the inertia J = 1 / (D^-1)_jj that each joint feels; on rigid gears the
+    factor L of D = L P L^T adds the torques by which the joints after a joint move along with it.
+    Coulomb friction is fed forward without jumps. Where `gear_gains` is not None, the observer
+    predicts the links apart from the motors, and the motors follow q_r.
 
     Parameters
     ----------
@@ -56,20 +57,20 @@ class ComputedTorque(ModelLaw):
     rig : Rig, optional
         The identified rig, ``found.rig``: its friction is fed forward.
     bandwidth : float, optional
-        Magnitude of the regulator's poles [rad/s]. Default with an arm, whose accuracy is unknown:
-        360; with an identification: 145; with friction identified too: 120, or more where counts
-        are finer than f and friction are known; with stated gears: 100. At most 0.3 over the
-        period, and less on elastic gears. Above an inner loop, to whose stiffness the regulator's
-        is added: 120 of servos, 50 of MIT drives, at most 0.45 over the period.
+        Magnitude of the regulator's poles [rad/s]. The default for an arm, whose accuracy is
+        unknown, is 360; for an identification 145; with identified friction 120, or more where the
+        encoder is finer than f and friction are known; with stated gears 100. The default is at
+        most 0.3 / period, and less on elastic gears. Above an inner loop, whose stiffness adds to
+        the regulator's, it is 120 for servos and 50 for MIT drives, at most 0.45 / period.
     observer_ratio : float, optional
         Bandwidth of the observer over that of the regulator. Default: 1.3; with friction
         identified and rigid gears, but not above an inner loop: 1.
     dead_zone : float, optional
-        Share of the quantisation cell, 0 to 1, within which an innovation corrects nothing; 2.5
-        times as wide where the reference stands. A larger one reduces torque chatter but delays
-        the disturbance estimate. Default with an arm: 0; with an identification: 0.2; with friction
-        identified too: 0.45, less with a higher bandwidth; with stated gears: 0.4; above an inner
-        loop: 0.2.
+        Share of the quantisation cell, 0 to 1, within which an innovation corrects nothing. Where
+        the reference stands it is 2.5 times as large, but at most 1. A larger dead zone reduces
+        torque chatter but delays the disturbance estimate. Default with an arm: 0; with an
+        identification: 0.2; with friction identified too: 0.45, less with a higher bandwidth; with
+        stated gears: 0.4; above an inner loop: 0.2.
     friction : bool
         Whether the model has the friction of the rig: it is fed forward, and predicted.
     learn_friction, learnable : bool, float
@@ -99,7 +100,7 @@ class ComputedTorque(ModelLaw):
     ------
     ValueError
         An arm whose D(q) does not exceed the motors' inertia everywhere, joints that do not match,
-        poles not positive.
+        a field that is out of its range, elastic gears on which no bandwidth is stable.
 
     See Also
     --------
@@ -230,7 +231,7 @@ class ComputedTorque(ModelLaw):
 
     @functools.cached_property
     def fields(self) -> Fields:
-        """Error and rate of the joints, disturbance torque, torque needed a sample ago, and blocks.
+        """Error and its rate, disturbance torque, torque needed a sample ago, states of the blocks.
 
         `impulse` is that of the predicted dry friction [N m s]; `begun` is 1 after the first
         sample.
@@ -340,13 +341,13 @@ class ComputedTorque(ModelLaw):
         )
 
         # 3. Correct by the part of the innovation beyond the dead zone of the counted cell.
-        outside = setpoint.q - coupling.joint(deviation.angle) - rig.cell_centre(pulses)
-        distance = begun * rig.position_in_pulses(outside)
+        from_centre = setpoint.q - coupling.joint(deviation.angle) - rig.cell_centre(pulses)
+        distance = begun * rig.position_in_pulses(from_centre)
         moving = ca.fabs(speed_share(self.rig, speed, settings.boost_speed))
-        standing = settings.standing_dead_zone
-        dead_zone = ca.fmin(self.dead_zone * (standing - (standing - 1) * moving), 1)
-        innovation = coupling.shaft(rig.outside_cell(outside, pulses, dead_zone))
-        # Nothing was predicted before the first sample, so there the counts alone give the error.
+        widest = settings.standing_dead_zone
+        dead_zone = ca.fmin(self.dead_zone * (widest - (widest - 1) * moving), 1)
+        innovation = coupling.shaft(rig.outside_cell(from_centre, pulses, dead_zone))
+        # Nothing was predicted before the first sample: there the innovation shifts only the angle.
         jump = (1 - begun) * innovation
         deviation = deviation.with_angles(lambda angle: angle + jump)
         error = rig.position_in_pulses(coupling.joint(deviation.angle))
@@ -385,7 +386,7 @@ class ComputedTorque(ModelLaw):
         planned = coupling.shaft_torque(needed + coming + disturbance) + friction.level * sliding
         commanded = coupling.joint_torque(planned + gears.feedback(ahead, bandwidth, planned))
 
-        turns = speed * (speed + dt * coupling.shaft(setpoint.qdd)) <= 0  # back, or from rest
+        turns = speed * (speed + dt * coupling.shaft(setpoint.qdd)) <= 0  # back, or at rest
         following = self.fields.write(
             n,
             error=coupling.joint(deviation.angle),

@@ -327,7 +327,7 @@ def select(
     accept: Callable[[list[Candidate]], Experiment | None],
     settings: SelectionSettings = SELECTION,
 ) -> None:
-    """Forward selection: the candidates of an experiment, then those without the likeliest one.
+    """Forward selection: rank the candidates, undo the likeliest mistake, and repeat.
 
     ``accept(ranked)`` takes the candidates, the likeliest first, and gives the experiment without
     that one, or None to end.

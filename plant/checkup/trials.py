@@ -29,14 +29,14 @@ class Trials:
                 try:
                     yield from self._candidates(experiment, hypothesis, joints)
                 except ValueError as error:
-                    self._name(hypothesis, f"cannot be undone in this log: {error}")
+                    self._note_failure(hypothesis, f"cannot be undone in this log: {error}")
                 except Exception as error:  # of a user's own function
                     if hypothesis in TABLE:
                         raise
-                    self._name(hypothesis, f"failed: {error!r}")
+                    self._note_failure(hypothesis, f"failed: {error!r}")
 
-    def _name(self, hypothesis, reason):
-        """Name a user's own hypothesis that is left out; built-in ones do not concern every log."""
+    def _note_failure(self, hypothesis, reason):
+        """Note why a user's own hypothesis fails; a built-in one need not concern every log."""
         if hypothesis not in TABLE:
             self.failed[hypothesis.name] = reason
 
@@ -44,7 +44,7 @@ class Trials:
         def changed(size):
             record = hypothesis.undo(experiment.record, joints, size)
             if record == experiment.record:
-                self._name(hypothesis, "changes nothing in this log")
+                self._note_failure(hypothesis, "changes nothing in this log")
             return experiment.changed(record)
 
         own = hypothesis.evidence and hypothesis.evidence(experiment, joints)
