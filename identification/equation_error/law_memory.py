@@ -1,9 +1,9 @@
 """State of a law with memory when its log began.
 
-The torque of such a law follows once its state before the log's first sample is known. That state
-is not in a log that begins in the middle of a motion; but it acts on the torque, an integral for as
-long as the log lasts. Here it is fitted together with f, by the torque equation, in the directions
-that the torque shows.
+The torque of such a law can be computed once its state before the log's first sample is known. A
+log that begins in the middle of a motion does not contain this state. Yet the state acts on the
+torque, and that of an integral acts as long as the log lasts. Here the state is fitted together
+with f, by the torque equation, in the directions that are visible in the torque.
 """
 
 from collections.abc import Iterable
@@ -25,8 +25,8 @@ from plant.parts.sums import least, norm, product, triangle
 from plant.simulation.clock import Clock
 from plant.simulation.law_run import LawRun, run_from, run_law
 
-# Samples after which the effect of a state on the torque counts; before them it looks as if the arm
-# had begun elsewhere.
+# Number of first samples in which the torque made by a state is ignored: there it looks like the
+# torque of an arm that began elsewhere.
 FADED = 30
 
 
@@ -39,31 +39,34 @@ class LawMemorySettings:
     Parameters
     ----------
     alike : int
-        First samples of a log, on whose straight line the arm is taken to have moved before it.
+        Number of first samples that give a straight line, on which the arm is taken to have moved
+        before the log.
     closest : int
-        The first of them, on whose parabola it has moved where it bends.
+        Number of first samples that give a parabola, which replaces the line of a joint that bends.
     bent : float
-        Largest distance of the counts from their line [pulses] that is no bend. Rounding alone
-        makes 1; a joint of log 11 of ``any_rig.py --period 0.005`` is 170 off.
+        Largest distance of the counts from their line [pulses] that does not count as a bend.
+        Rounding alone makes 1; a joint of log 11 of ``any_rig.py --period 0.005`` is 170 off.
     initial_torque : float
-        Largest torque that a change of state makes in the first samples alone, relative.
+        Largest excess of the torque that a change of state makes in the first samples over that
+        which it makes later, relative.
     finer : float
-        Ratio of knots in a second reference that is rebuilt from counts, to compare torques.
+        Ratio of knots of a second reference to those of the first; both are rebuilt from counts.
     hidden : float
-        Largest share of the torque that these two references may differ by.
+        Largest relative difference (rms) between the torques of these two references.
     rounds : int
         Fits of the state: a law that saturates is not linear in it.
     flag : float
-        Change in the second half of a log up to which a state is a flag, relative.
+        Largest range of a state in the second half of a log at which it is a flag, relative.
     step : float
         Step of the derivatives by the state, relative.
     least_torque : float
-        Share of the torque that a state must make, for a change of its own size, to be fitted.
+        Share of the law's torque that a change of the state by its own size must exceed; otherwise
+        the state is not fitted.
     deviation : float
         Expected standard deviation of a state, relative.
     beside : float
-        Distance from the range of a state in the second half of a log, in widths of that range,
-        from which on the law began with the log.
+        Margin on each side of the range of a state in the second half of a log, in widths of that
+        range. A law whose first state lies outside this margin began with the log.
     """
 
     alike: int = 10
@@ -87,11 +90,12 @@ SETTINGS = LawMemorySettings()
 class Memory:
     """Directions in which a law's state before its log shows in the torque.
 
-    `state` (s,): from which they are counted. `directions` (s, r): changes of the state, each of
-    which makes a torque of 1 N m (rms over the log and all joints); none where the state is known,
-    or does not show. `usual` (r,): how far states are apart in the log, along each [N m], with
-    torques of no more than its largest. `noise` (n,): of a logged torque that tells the state
-    [N m]; the usual distances are standard deviations by it. None where no torque tells it.
+    `state` (s,): origin of the coordinates. `directions` (s, r): changes of the state, each of
+    which makes a torque of 1 N m (rms over the log and all joints); none where the state is known
+    or does not show. `usual` (r,): usual size of the state in the log along each direction [N m],
+    limited so that no torque exceeds the largest in the log. `noise` (n,): noise of the logged
+    torque that determines the state [N m]; then `usual` holds standard deviations. None where no
+    logged torque determines it.
     """
 
     state: Floats
@@ -106,7 +110,7 @@ class Memory:
 
     @classmethod
     def known(cls, state: Floats) -> Self:
-        """A state (s,) that is not in doubt, beside a start of the arm that is."""
+        """A state (s,) that is known exactly, for an arm whose start is not."""
         return cls(state=state, directions=np.zeros((len(state), 0)), usual=np.empty(0))
 
     def at(self, coordinates: Floats) -> Floats:
@@ -128,9 +132,9 @@ class Resumption(NamedTuple):
 def along_log(record: Record, *, unknown_law: bool = False) -> Record:
     """The record with a law whose torque is known: as logged, or from its own run.
 
-    Of a law without memory, or one that repeats a column, it is returned as it is. Where numbers of
-    the law are unknown, what was logged is left aside. Fast hardware with a memory goes on from a
-    state, in the loop: between samples it feels the arm.
+    A record whose law has no memory, or repeats a column, is returned unchanged. Where numbers of
+    the law are unknown, a logged torque or current is not used. Fast hardware with a memory resumes
+    from a state and stays in the loop, because it feels the arm between samples.
     """
     law = record.law
     if law is None or law.replays or not law.has_memory(record.n):
@@ -165,10 +169,10 @@ def reading(record: Record, law: Resumed) -> Record:
 
 
 def closed(record: Record) -> Record:
-    """The record of `along_log` with an inner loop in the loop again, which reads the arm itself.
+    """The record of `along_log`, in which an inner loop reads the simulated arm again.
 
-    It reads its counts many times in a sample, and steps of its goal bend the motion between rows;
-    its memory begins by itself, with the goal and the count of the log's start.
+    An inner loop reads its counts many times per sample, and the steps of its goal bend the motion
+    between rows. Its memory needs no state: it begins with the goal and the count at the start.
     """
     law = record.law
     if isinstance(law, AlongLog) and isinstance(law.law, InnerLoop):
@@ -177,10 +181,11 @@ def closed(record: Record) -> Record:
 
 
 def with_state(dynamics: Dynamics, record: Record, unknown: Iterable[str]) -> tuple[Record, Memory]:
-    """A record with its law in the state of best torque equation, and that state's uncertainty.
+    """A record whose law has the state that best fits the torque equation, and its uncertainty.
 
-    It had been at work for a while: a state that no longer changes in the log (a flag that the law
-    has begun) has its value there, and filters have followed counts and reference as they go on.
+    The law is taken to have been at work before the log. A state that no longer changes in the log
+    (a flag that the law has set) starts at its value there. Filters start as if counts and
+    reference had moved before the log as they move in its first samples.
 
     `record`: of `along_log`, with a law that goes on from a state. `unknown`: what is unknown of
     arm and drive.
@@ -216,17 +221,18 @@ def at_work(record: Record, law: Resumed) -> tuple[Record, Floats]:
     states = run_law(record).states
     usual = states[len(states) // 2 :]
     still = np.ptp(usual, axis=0) <= SETTINGS.flag * np.abs(states).max(axis=0)
-    # Flags as they are later in the log, filters as after a motion like its first samples.
+    # Flags start at their later value, filters as after a motion like the log's first samples.
     begun = np.where(still, np.median(usual, axis=0), run_law(_before(record)).states[-1])
     return _moved(record, begun - law.state), np.abs(usual).max(axis=0)
 
 
 def passes_start(record: Record, memory: Memory) -> bool:
-    """Whether a law's state moves, later in its log, about where it would have begun with the log.
+    """Whether a law's state, later in its log, stays near the state that a start with the log has.
 
-    An integral that begins with the log climbs to the weight of the joint, and stays about there.
-    One that was at work has this weight already. A light weight lies within what friction changes;
-    but where the controller begins to carry it, errors bend more than they ever do later.
+    An integral that begins with the log climbs to the weight of the joint, and stays near it. The
+    integral of a law that was at work holds this weight from the start. A light weight cannot be
+    told from the changes that friction makes; but when the controller begins to carry it, the
+    error bends more than at any later time.
     """
     from scipy.signal import savgol_filter
 
@@ -269,7 +275,7 @@ def _extended(since, column, back):
     polynomial = np.polynomial.polynomial
     line = polynomial.polyfit(since, column, 1)
     counts = column[0] + line[1] * back[:, None]
-    # A joint that a long sample, or a fine encoder, shows to bend has bent before, too.
+    # A joint whose counts visibly bend (long samples, fine encoder) also moved on a bend before.
     bent = np.abs(polynomial.polyval(since, line).T - column).max(axis=0) > SETTINGS.bent
     first = slice(SETTINGS.closest)
     parabola = polynomial.polyfit(since[first], column[first], 2)
@@ -280,8 +286,8 @@ def _require_reference(record):
     """Refuse a law whose torque depends on digits that the rounding of its reference hides."""
     if record.reference is not None:
         return
-    # A smoother and a rougher curve through the same counts: if the law tells them apart, the true
-    # reference gave another torque than either.
+    # A smoother and a rougher curve through the same counts: if the law gives them different
+    # torques, the torque of the true reference differs from both.
     torque = run_law(record).given
     finer = run_law(record, SETTINGS.finer).given
     hidden = np.sqrt(np.mean((finer - torque) ** 2) / np.mean(torque**2))
@@ -302,9 +308,10 @@ def _moved(record, change):
 def state_directions(
     record: Record, run: LawRun, scale: Floats, *, faded: int = FADED
 ) -> tuple[Memory, Floats]:
-    """Directions of states of these magnitudes (s,), and the torques (r, N, n) that each makes.
+    """Directions of a state whose elements have these magnitudes (s,), and their torques (r, N, n).
 
-    `faded`: samples whose torque shows no direction; without them a filter's memory is one.
+    `faded`: number of first samples that are not used to find directions; if they were used, the
+    memory of a filter would appear as a direction.
     """
     # 1. Torque by each state, from runs of the law along the log.
     clock = Clock.of(record)
@@ -320,7 +327,7 @@ def state_directions(
         by_state.append((run_beside.around(t, period) - torque).ravel() / step)
     effects = np.reshape(np.concatenate(by_state), (-1, torque.size)).T
 
-    # 2. A filter's memory acts at once, and would saturate: such changes are made smaller.
+    # 2. A filter's memory acts at once and could saturate the law: reduce such changes of state.
     parts = np.split(effects, [faded * record.n])
     initial, later = (np.abs(part).max(axis=0, initial=0.0) for part in parts)
     fading = np.maximum(initial - later, 1e-12)
@@ -337,7 +344,7 @@ def state_directions(
     directions[varied] = scale[varied, None] * axes[shown].T * unit
     columns = (product(effects, axes[shown].T) * unit).T.reshape(-1, *torque.shape)
 
-    # 4. States as far apart as in the log, with torques of no more than its largest.
+    # 4. Usual sizes of the state in the log, limited so that no torque exceeds the log's largest.
     largest = unit
     if len(columns):
         largest = np.abs(torque).max() / np.abs(columns).max(axis=(1, 2), initial=0.0)
@@ -346,7 +353,7 @@ def state_directions(
 
 
 def _fitted(dynamics, record, unknown, run, columns, deviations, bands):
-    """Coordinates (r,) [N m] of the least residual beside their deviations, and its band."""
+    """Coordinates (r,) [N m] that fit best with their deviations as a prior, and the band used."""
     rig = record.rig
     torque = law_torque(record, run)
     fits = []
@@ -374,9 +381,9 @@ def _fitted(dynamics, record, unknown, run, columns, deviations, bands):
         return np.zeros(len(columns)), bands
     _, sigma, best, band = min(fits, key=lambda fit: fit[0])
 
-    # The same equations again, with the deviations of the state as a prior beside them.
-    # Each equation by the scatter of its joint, so that the prior has the same unit: one standard
-    # deviation.
+    # Solve the same equations again, with the deviations of the state as a prior. Each equation is
+    # divided by the scatter of its joint, so that equations and prior have the same unit: one
+    # standard deviation.
     weight = 1 / sigma[np.nonzero(best.used)[1]]
     expected = np.hstack([np.zeros((len(columns), len(unknown))), np.diag(1 / deviations)])
     rows = np.vstack([best.regressor[best.used] * weight[:, None], expected])

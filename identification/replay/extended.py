@@ -1,9 +1,9 @@
 """A model with numbers that its rig leaves out, such as elastic gears, a lag, other friction.
 
-Each is zero where the rig is right. The innovations are those of
-`Prediction`, of one compiled loop whose currents are prompt where they do not lag. Where gears are
-elastic it is another loop, with springs: at coarse sub-steps even the stiffest springs do not stick
-quite like rigid gears where a joint turns back, which a log would seem to contradict.
+Each such number is zero where the rig is right. The innovations are those of `Prediction`, from one
+compiled loop, in which currents that do not lag follow at once. Elastic gears need another loop,
+with springs. At coarse sub-steps, a joint with even the stiffest springs does not stick quite like
+one with rigid gears when it reverses; a log would seem to contradict these springs.
 """
 
 import copy
@@ -68,11 +68,11 @@ class Number:
     least : float
         Lowest value.
     removable : bool
-        Whether it can take the stated value away, and no more: then that is its lowest value.
+        Whether its lowest value is the one that takes away all of the stated value.
     gives : bool
-        Whether it acts in a loop with elastic gears only.
+        Whether it acts only in a loop with elastic gears.
     step : float
-        Size at which its effect is taken, small enough that it acts linearly.
+        Size at which its effect is computed, small enough that the effect is linear.
     scale : callable, optional
         ``scale(torque, speed)`` is the unit (n,) of step and tolerance, from torque [N m] and speed
         [rad/s] of each motor (rms).
@@ -96,8 +96,8 @@ class Number:
 
     @classmethod
     def share(cls, name: str, place: str, *, of_joints: bool = True, tolerance: str = "") -> Self:
-        """A relative error of what is stated, which halves it at most."""
-        # Beyond that it is no error of one number; near -1 it would change its sign.
+        """A relative error of the stated value, which lowers that value by half at most."""
+        # A larger change is not an error of one number; below -1 the value would change its sign.
         return cls(
             name=name,
             place=place,
@@ -126,20 +126,20 @@ def joint_of(name: str) -> int:
 class Extended(Stacked):
     """Innovations of a model that follows records, with effects that its rig leaves out.
 
-    `unknown`: all of f, and numbers of rig and law. `f` (p,): known roughly: it says what the links
-    weigh whose gears give. `numbers`: kinds of numbers that the rig may leave out. `prior`: of f.
-    `runs`: how many of the records, one after another, are parts of each run of the robot; by
-    default each is one. `**options`: sub-steps and sweeps, as for `Prediction`.
+    `unknown`: all of f, and numbers of rig and law. `f` (p,): approximate values, from which the
+    link inertia behind each elastic gear follows. `numbers`: kinds of numbers that the rig may
+    leave out. `prior`: of f. `runs`: number of consecutive records that make up each run of the
+    robot; by default each record is a run. `**options`: sub-steps and sweeps, as for `Prediction`.
 
-    Attributes: `unknown`: what `innovations` takes values for: the given names, observer gains,
-    then `extra`. `extra`: the numbers by name, zero where the rig is right; none that needs elastic
-    gears where the rig knows no motor inertia, or D falls short of it. `kinds`: the kind of each
-    name. `gains`, `gain_steps` (2n,): observer gains to begin with, and steps of their central
-    differences. `gain_bounds` (2n, 2). `least` (e,): the least that each of `extra` can be.
-    `weights`, `scales` (M,): as of `Prediction`. `rounding` (M,): innovations that the rounding of
-    counts causes, which the loop felt and this model omits; zero unless set. `between`: sum of
-    squares [pulses^2] of those that a torque may cause between its samples, where these are of a
-    faster loop.
+    Attributes: `unknown`: names of the values that `innovations` takes: the given names, observer
+    gains, then `extra`. `extra`: names of the numbers that are zero where the rig is right. Those
+    that need elastic gears are missing where the motor inertia is unknown or D does not exceed it.
+    `kinds`: the kind of each name. `gains`, `gain_steps` (2n,): observer gains to begin with, and
+    steps of their central differences. `gain_bounds` (2n, 2). `least` (e,): the lowest value of
+    each of `extra`. `weights`, `scales` (M,): as of `Prediction`. `rounding` (M,): innovations
+    caused by the rounding of counts, which acted on the real loop and which this model omits; zero
+    unless set. `between`: sum of squares [pulses^2] of the innovations that the torque of a faster
+    loop may cause between the samples of a log; zero where no loop is faster.
     """
 
     between = 0.0
@@ -447,7 +447,7 @@ class _Log:
         if place not in numbers:
             return
         link = self._links[joint_of(name)]
-        # Compliances in series add. In Hz: k = m omega^2, with the link behind the gear held.
+        # Compliances in series add. k = m omega^2, where m is the link and the rotor is locked.
         numbers[place] = 1 / (1 / numbers[place] + compliance / (4 * np.pi**2 * link))
         if not self._damped:
             # Of the damping ratio zeta: d = 2 zeta sqrt(k m).

@@ -37,9 +37,9 @@ class GaussNewtonSettings:
         Take the longest step of a batch that lowers the sum, in place of the one that lowers it
         most.
     shortenings : int
-        Number of times that a difference which loses the log is tried, each a quarter as long.
+        Number of tries of a difference that loses the log; each is a quarter as long as the last.
     jump : float
-        Least change of the innovations, relative to their length, that can be a jump.
+        Least second difference of the innovations, relative to their norm, that can be a jump.
     weighings : int
         Most times that records and joints are weighted anew.
     unknowns_per_core : int
@@ -69,8 +69,9 @@ class Solution:
 
     `values` (k,). `covariance` (k, k). `residual` (M,). `rms_innovation`: root mean square of the
     innovations, weights divided out [pulses]. `varied` (v,): places of the unknowns that were
-    varied. `slopes` (M, v): of the weighted and scaled innovations, by these. `undetermined` (u,
-    k): directions of the values that expected values determine alone, and no reading.
+    varied. `slopes` (M, v): derivatives of the weighted and scaled innovations by these unknowns.
+    `undetermined` (u, k): directions of the values that only the expected values determine, not
+    the readings.
     """
 
     values: Floats
@@ -329,11 +330,11 @@ def slopes(
 
     By central differences; by one-sided ones where a value lies on one of its bounds (k, 2).
 
-    Steps that lose the log are shortened in place; with the innovations (M,) of the values
-    themselves, also those on which innovations jump to one side.
+    Steps that lose the log are shortened in place. If the innovations (M,) at the values are given,
+    steps are also shortened where the innovations jump on one side.
     """
-    # Beyond its bound a number means nothing: friction below zero would act like its magnitude, and
-    # a central difference about zero would be none.
+    # A number has no meaning beyond its bound: negative friction would act like positive friction,
+    # and the central difference about zero would vanish.
     low, high = (-np.inf, np.inf) if bounds is None else bounds.T
     up_from, down_from = values < high, values > low
     # A row per unknown, which differences fill one by one; the transpose is a view.
@@ -389,9 +390,9 @@ def side_by_side(innovations: int) -> int:
 
 
 def _jumps(up, innovations, down, slope):
-    """Whether innovations change much to one side alone: there the links lose their inertia.
+    """Whether innovations change much on one side only, as where the links lose their inertia.
 
-    Takes `up` as work space. `slope` is half of the difference between both.
+    Overwrites `up`. `slope` is half of the difference between `up` and `down`.
     """
     # The second difference up - 2 r + down; a smooth residual has almost none.
     up -= 2 * innovations

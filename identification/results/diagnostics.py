@@ -1,10 +1,11 @@
 """Diagnostics of a fit: differences from a simulation, delay of the counts, bands of torques.
 
-The common fit of records that contradict each other is that of no machine: the difference between
-them moves its values by more than its covariance, the more so where observer gains rise to follow
-an unmodelled effect. So each is identified alone. The mean weighs each value of a record by its
-variance and the variance between records (`random_effects`). A wrong statement of a rig is wrong in
-all of them. Where a record is held out and the common fit repeats it better, the common fit counts.
+If records contradict each other, their common fit describes no machine: the contradiction shifts
+its values by more than its covariance states, above all where the observer gains rise to follow an
+unmodelled effect. Each record is then identified alone, and the fits are averaged. The weight of a
+value is the inverse of the sum of its variance and the variance between records (`random_effects`).
+The mean does not remove a wrong statement about the rig, which all records share. The common fit is
+kept if it repeats a held-out record better than the mean does.
 """
 
 from __future__ import annotations
@@ -44,8 +45,8 @@ from plant.parts.frozen import Frozen, frozen
 from plant.parts.kinds import kept
 from plant.parts.shown import Piece, Shown
 
-# Difference over that of two runs of the model which effects that the rig may lack can explain, at
-# most: without this bound, tolerances would hide any difference. Chosen by hand.
+# Effects that the rig may lack can raise the limit to at most this multiple of the difference
+# between two runs of the model. Without a bound, tolerances would hide any difference. Set by hand.
 _WIDER = 2.0
 
 
@@ -71,22 +72,22 @@ class Diagnostics(Shown, Frozen):
     detection : Detection
         Whether compliance, backlash, lag, other friction or late counts explain the innovations.
     law_apart : tuple
-        Of each record that was searched: distance of the logged torque of each joint (n,) from that
-        of the stated law along the log, from the best state, as a share of it (rms); None where
-        the log does not show it.
+        For each searched record and joint (n,): rms difference between the logged torque and that
+        of the stated law along the log, started from the best state, as a share of the logged
+        torque. None where the log does not show it.
     expected, limit : float
-        Root mean square difference [pulses] between runs of the model, with values as likely as
-        the identified ones, that begin elsewhere within a count: a loop that hunts by a count never
-        does so twice alike. Its geometric mean; and the limit that a healthy log exceeds with a
-        probability of 0.001, at most twice the root mean square of the measured errors. NaN where
-        the difference asks for no explanation.
+        Rms difference [pulses] between runs of the model. The runs take values as likely as the
+        identified ones and start at different points within a count, because a loop that hunts by
+        a count never repeats itself exactly. `expected` is the geometric mean of this difference.
+        A healthy log exceeds `limit` with a probability of 0.001; `limit` is at most twice the rms
+        of the measured errors. Both are NaN where the difference needs no explanation.
     closest : float
-        That difference with the values of "prediction_error", if they explain a log that those of
-        another method do not: the log is healthy then. NaN otherwise.
+        `difference` with the values of "prediction_error", if they explain the log and those of
+        the chosen method do not. The log is then healthy. NaN otherwise.
     hunts : tuple of int
-        Records whose loop oscillates, as that of the model does by friction and counts alone, at
-        about that frequency. `difference` and `detection` report further contradictions, as of any
-        other log.
+        Records whose loop oscillates at about the frequency at which the loop of the model also
+        oscillates, by friction and counts alone. Other contradictions of these records still show
+        in `difference` and `detection`.
     held_out_limit : float
         The limit of the records held out.
     """
@@ -230,7 +231,7 @@ def _doubted(runs: Sequence[Predicted], objectives: Sequence[Objective]) -> bool
 
 
 def _wider(run: Predicted, run_with_bias: Predicted) -> Predicted:
-    """Runs with the limit of those that include the bias; at most twice their difference."""
+    """The run with the limit of the biased run, at most `_WIDER` times its expected difference."""
     if not run.expected > 0:  # NaN: nothing asks for an explanation
         return run
     return run._replace(limit=np.fmin(run_with_bias.limit, _WIDER * run.expected))
@@ -239,9 +240,9 @@ def _wider(run: Predicted, run_with_bias: Predicted) -> Predicted:
 def _by_prediction(
     problem: Problem, objectives: Sequence[Objective], run: Predicted
 ) -> tuple[Predicted, float]:
-    """The run of a rough method, with the hunting and the difference of the prediction error's fit.
+    """The run with `hunts` of a fit by prediction_error, and the difference of that fit.
 
-    Unchanged, with a difference of NaN, if that fit does not explain all records.
+    If that fit does not explain all records, the run is unchanged and the difference is NaN.
     """
     try:
         # Without the checkpoint, whose stages belong to the method of the problem.
@@ -278,8 +279,8 @@ def _bands(problem: Problem, values: Floats) -> dict[float, float]:
 class _Alone(NamedTuple):
     """Fit of one record, and its tests, with covariances (k, k).
 
-    `noise`: of noise. `within`: the same, at least by the scatter between segments. `doubt`: by
-    effects that the rig may lack.
+    `noise`: due to noise. `within`: `noise`, raised to the scatter between segments where that is
+    larger. `doubt`: due to effects that the rig may lack.
     """
 
     fit: Fit
@@ -290,11 +291,11 @@ class _Alone(NamedTuple):
 
 
 def of_each(problem: Problem, detection: Detection) -> Detection:
-    """A detection with the mean of the fits of each record, if the records contradict each other.
+    """Add the mean of the single-record fits to a detection, if the records contradict each other.
 
-    A record that alone does not determine all unknowns is left out of the mean. There is no mean
-    with a rough method, or if fewer than two records, or half of them, determine all. The scatter
-    between the records is dropped then: linear about the common fit, it is too small.
+    A record that does not determine all unknowns by itself is left out of the mean. No mean is
+    taken with a rough method, or if fewer than two records, or fewer than half of them, remain.
+    `between` is then set to None: linearised about the common fit, this scatter is too small.
     """
     count = len(problem.records)
     if not OF_RECORDS & {*detection.names} or detection.grouped is None or count < 2:
@@ -364,8 +365,8 @@ def _mean_of_fits(problem: Problem, detection: Detection, alone: dict[int, _Alon
     weight /= weight.sum(axis=0)
     mean = (weight * values).sum(axis=0)
 
-    # 3. Covariance of the mean. A bias is the same in all records and does not average out: its
-    # covariances are averaged, by the roots of the weights on both sides.
+    # 3. Covariance of the mean. A bias is common to all records and does not average out. Its
+    # covariances are therefore averaged: each is multiplied by root weights on both sides.
     scatter = (weight**2).sum(axis=0) * (between.deviation * wider(between.freedom)) ** 2
     inner = np.diag(_weighted(weight, within))
     doubt = _weighted(np.sqrt(weight), [record.doubt for record in records])

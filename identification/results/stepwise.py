@@ -34,11 +34,11 @@ class StepwiseSettings:
     Parameters
     ----------
     promising : float
-        Share of what the best first estimate explains from which on a cause is fitted: fits take
-        time.
+        A cause is fitted only if its first estimate explains more than this share of what the best
+        first estimate explains, because fits take time.
     contending : float
-        Share of the log odds of the likeliest cause from which on another one may overtake it once
-        both fits have converged.
+        A cause whose log odds exceed this share of those of the likeliest cause may overtake it
+        once both fits have converged.
     step : float
         Step of the central differences of an unknown, in its standard deviations.
     """
@@ -50,16 +50,17 @@ class StepwiseSettings:
 
 SETTINGS = StepwiseSettings()
 
-# No model is exact: what one cause leaves looks like a twentieth of another. Chosen by hand.
+# No model is exact: an accepted cause leaves a residue that looks like another cause, of about a
+# twentieth of its size. Chosen by hand.
 SELECTION = SelectionSettings(traces=0.05)
 
 
 def detect(problem: Problem, fit: Fit, outcome: Outcome, delay: float = 0.0) -> Detection:
     """Test a fit to a problem.
 
-    `fit`: start of the optimum of this outcome; the model is fitted again, to records held out as
-    well, and to parts of long ones. `delay`: of the counts [samples], if another test suggests that
-    one of this size is worth a trial. A failed test gives its reason, it does not raise.
+    `fit`: the values at which the optimisation starts. The model is fitted again, to the records
+    held out as well, and to parts of long records. `delay`: a delay of the counts [samples] that
+    another test suggests, 0 if none. A test that fails returns its reason and does not raise.
     """
     try:
         search = _Search(problem, fit, outcome.rounding)
@@ -67,9 +68,9 @@ def detect(problem: Problem, fit: Fit, outcome: Outcome, delay: float = 0.0) -> 
         coarse = not delay and problem.steps < FIT.finest
         detection = search.detection(delay, coarse=coarse)
         if detection is None:
-            # A significant test may be an error of integration: 4 steps under a soft P loop looked
-            # like gears of 222 Hz, with odds of 1e21, and 16 leave a chi-square of 7 (seed 137 of
-            # ``any_rig.py``). Begin at the optimum of the coarse steps, which is close.
+            # An integration error can make a test significant. Under a soft P loop, 4 steps gave
+            # compliant gears of 222 Hz with odds of 1e21; 16 steps gave a chi-square of only 7
+            # (seed 137 of ``any_rig.py``). Start at the optimum of the coarse steps: it is close.
             finer = problem.in_steps(FIT.refined * problem.steps)
             search = _Search(finer, fit, outcome.rounding, search.at)
             detection = search.detection(delay)
@@ -85,7 +86,7 @@ def detect(problem: Problem, fit: Fit, outcome: Outcome, delay: float = 0.0) -> 
         return Detection(reason=str(error))
     if fit.covariance is None or fit.resonance is not None:
         return detection
-    # Outside of the guard: a variance between records that does not follow is an error.
+    # Outside the try block: if the variance between records cannot be computed, this must raise.
     grouped, between = doubt.grouped(problem.unknown, fit.covariance, added)
     if between is None and outcome.grouped is not None:
         grouped = outcome.grouped
@@ -100,7 +101,7 @@ def tested(point: Point) -> list[Sign]:
     for hypothesis in HYPOTHESES:
         if hypothesis.timing and rounded:
             continue
-        # Lengths come last: f takes them over almost completely.
+        # Lengths are tested last, and only after a suspicious sign: f absorbs nearly all of them.
         if hypothesis.suspected and not any(sign.suspicious for sign in signs):
             continue
         signs += (hypothesis.test or linear)(hypothesis, point)
@@ -139,8 +140,8 @@ class _Accepted:
 def _settled(trials: list[_Accepted]) -> list[_Accepted]:
     """The same causes, fitted with sensitivities of their own and compared in one unit.
 
-    Trial fits take those of the optimum before, which leaves them apart by more than causes differ
-    that explain nearly the same: counts that are late, and another friction.
+    Trial fits use the sensitivities of the previous optimum. Their errors exceed the differences
+    between causes that explain nearly the same, such as late counts and another friction.
     """
     fits = [trial.fit for trial in trials if trial.fit is not None]
     optima = [
@@ -261,7 +262,7 @@ class _Search:
         `delay`: worth a trial whatever its score test says; 0 if none is. `coarse`: give None where
         a test is significant, which may be an error of integration.
         """
-        # At the optimum without causes: later ones would state what they have found.
+        # Read this before any cause is accepted: later models would state their own findings.
         stated = self.at.model.stated()
         # These tests stay in the result: they show how small an effect the log would reveal.
         initial = tested(self.point)
@@ -308,7 +309,7 @@ class _Search:
 
     def _fitted(self, point, signs):
         """Trial fits of these causes beside those of a point."""
-        # Of a cause that no model has, nothing can be undone.
+        # The last cause cannot be fitted, so its effect cannot be removed: the selection ends.
         if point.causes and BY_NAME[point.causes[-1].name].refit is None:
             return
         signs = [sign for sign in signs if sign.significant and _may_follow(sign, point.causes)]
@@ -326,7 +327,7 @@ class _Search:
                     yield _Accepted(self, point, refit.sign, fit)
 
     def _tolerated(self, sign):
-        """Whether all values are small against their tolerances, which the intervals count."""
+        """Whether all values are small against tolerances that the intervals already include."""
         # The usual size of each is the standard deviation that `Tolerances` give it.
         hypothesis = BY_NAME[sign.name]
         share = getattr(self._tolerances, hypothesis.minor, 0.0)

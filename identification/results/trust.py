@@ -44,21 +44,22 @@ class WarningSettings:
         RMS innovation [pulses] that rounding, 0.29 alone, does not explain; right logs of 27 robots
         have 0.35 at most (``healthy.py``).
     noise : float
-        Factor of the innovations that the noise of a repeated torque causes, up to which it
-        explains them: its size is estimated to a few per cent.
+        Innovations up to this multiple of those that the noise of a repeated torque causes are
+        explained by the noise. The size of the noise is known to a few per cent.
     between : float
-        The same of a torque of which the log has samples of a faster loop alone. Right logs of two
-        arms reach 1.6 (fast starts, creeping joints, fine encoders of ``corpus.py``).
+        The same factor where the loop is faster than the log, so that the log has only some samples
+        of the torque. Right logs of two arms reach 1.6 (fast starts, creeping joints and fine
+        encoders of ``corpus.py``).
     lost_rows : float
         Share of lost rows that biases no fit.
     held_out : float
-        Factor by which a record held out is repeated worse, so that it asks for an explanation:
-        then the limit of the posterior predictive check decides, if there is one.
+        A held-out record whose difference exceeds that of the searched records by this factor needs
+        an explanation. The limit of the posterior predictive check then decides, if there is one.
     band_bias : float
         Relative bias of least squares in a band that is tolerated.
     correlation, vague : float
-        Correlation of two values, and standard deviation of one of them, relative, from which on
-        the two are not separately identifiable.
+        Two values are not separately identifiable if their correlation exceeds `correlation` and
+        the relative standard deviation of at least one of them exceeds `vague`.
     pairs : int
         Such pairs that the summary mentions without a warning, at most.
     law_torque : float
@@ -284,9 +285,9 @@ def _law_differs(apart):
 
 
 def _late(identification):
-    """Delays (n,) of the counts after which the stated law gives the logged torque, by record.
+    """Delays (n,) of the counts with which the stated law gives the logged torque, by record.
 
-    0 of a joint without one; records without any are left out.
+    The delay is 0 for a joint that is not late. Records without a late joint are left out.
     """
     delays = {
         i: late_counts(identification.records[i])
@@ -368,8 +369,8 @@ def _timing(case):
     diagnostics = case.identification.diagnostics
     delay = diagnostics.delay
     names = diagnostics.detection.names
-    # Another cause can look like a delay; it is reported instead.
-    # A fitted cause comes with its own line; a delay beside it would be its shadow.
+    # Another fitted cause can look like a delay. It has a line of its own, so the delay that it
+    # imitates is not reported beside it.
     explained = names and "delay" not in names
     if not case.replayed and is_late(delay, diagnostics.delay_std) and not explained:
         absorbing = _absorbing_delay(case)
@@ -475,7 +476,8 @@ def _repeats(case):
             " chain, the order of joints, and counts per turn: as the rig counts, the joints move"
             f" over {_ranges(result)}."
         )
-    # 2. The records held out: a common difference is that of the model, not of the values.
+    # 2. The records held out. A difference that all records share is due to the model, not to the
+    # values.
     held_out = diagnostics.held_out_difference
     if case.fits or held_out is None:
         return
@@ -501,7 +503,7 @@ def _ranges(identification):
 
 
 def pairs_of(identification: Any) -> list[tuple[str, str]]:
-    """Names of the pairs of values that are strongly correlated and uncertain each."""
+    """Names of the pairs of strongly correlated values of which at least one is uncertain."""
     if identification.covariance is None:
         return []
     fit = identification.fit
@@ -555,7 +557,7 @@ _CHECKS: tuple[tuple[str, Callable[[_Case], _Lines]], ...] = (
     ("delay that unknowns take over", _absorbed_delay),
     ("unstable loop", _oscillations),
     ("simulation that does not repeat the log", _repeats),
-    # 5. Last the lines that do not doubt the log, but the use of single values.
+    # 5. Last, the lines that question the use of single values and not the log.
     ("values that are not separately identifiable", _pairs),
 )
 

@@ -44,7 +44,7 @@ class TorqueSettings:
     lost : float
         Clipped samples [%] above which the log shows the limit alone.
     beyond : float
-        Commanded torque [largest logged torque] that was cut off.
+        Commanded torque [extreme of the logged torque] above which a sample counts as cut off.
     alike : float
         Difference of logged and commanded torque [range] up to which they agree.
     piled : float
@@ -122,7 +122,7 @@ def _at_limit(signals, i, torque):
 def _commanded_beyond(signals, i, extreme):
     """Samples at an extreme of the logged torque that were commanded to be beyond it.
 
-    None where the logged torque differs from the commanded one elsewhere, too.
+    The number is 0 if the logged and commanded torques differ at the other samples, too.
     """
     torque = signals.torque[:, i]
     commanded = signals.commanded[:, i]
@@ -136,7 +136,10 @@ def _commanded_beyond(signals, i, extreme):
 
 
 def _backlash(signals, i):
-    """Motion of the motor alone where the load changes sign [pulses]: at most the backlash."""
+    """Check the motor's motion without the load where the load changes sign [pulses].
+
+    This motion is a lower bound of the backlash.
+    """
     check = Check("backlash", i, "pulses")
     regression = signals.regressions[i]
     if regression is None or regression.inertia[i] < SETTINGS.certain * regression.inertia_std[i]:
@@ -166,16 +169,16 @@ def _backlash(signals, i):
 
 
 # -- the checkup ----------------------------------------------------------------------------------
-# A cause that is undone by rounding counts again leaves some hundredths of its evidence behind.
-# Right logs of two pendulums reach odds of 3 to 1; odds of 20 to 1 accuse none of them.
+# A correction that rounds the counts again leaves a few per cent of the cause's evidence behind.
+# Correct logs of two pendulums reach odds of 3 to 1; a threshold of 20 to 1 accuses none of them.
 SELECTION = SelectionSettings(traces=0.06, accepted=3.0)
 
-# Counts that are spoiled otherwise leave evidence for any change, but less than for an exchange.
+# Spoiled counts give evidence for any change, but less than an actual exchange of columns gives.
 SPOILED = SelectionSettings(traces=0.06, accepted=100.0)
 
-# Checks of a log whose lost rows are bridged, before and after the ranked causes. What others take
-# for noise, saturation or a delay comes first: the first finding is the first to be corrected.
-# Backlash makes loops swing: a cause stands before its effects.
+# Checks of a log with bridged lost rows. The user corrects the first finding first, so a fault that
+# later checks mistake for noise, saturation or a delay comes first. A cause comes before its
+# effects: backlash makes loops swing.
 _BEFORE = (
     _of_torque("clipped torque", _clipped),
     _of_torque("backlash", _backlash),
@@ -186,9 +189,9 @@ _BEFORE = (
 
 @one_thread
 def examine(record, hypotheses: Sequence[Hypothesis[Any]] = ()) -> Checkup:
-    """Check a record for errors; ``record.check()`` does.
+    """Check a record for errors; ``record.check()`` calls this function.
 
-    `hypotheses`: rows of a user's own, tried beside those of `without_arm`.
+    `hypotheses`: the user's own rows, tried in addition to those of `without_arm`.
     """
     labels = tuple(Signals(record).joint_labels)
     # A law that was made for another rig gives no torque: the other checks do without it.
@@ -226,13 +229,14 @@ def _examined(record, hypotheses, labels):
     lost = lost_rows(record)
     if lost.any.mean() > MOST:
         return [*findings, *lost_findings(signals, lost)], as_it_is
-    # Angles are no counts, and no correction of a column mends the column of another motor.
+    # Causes are ranked for counts only, not for angles, and not if a column is a copy of another
+    # motor's: no correction mends that.
     copied = list(signals.per_joint(copied_columns))
     result, spoiled, counts = as_it_is, False, list[Finding]()
     bridged = Experiment(all_bridged(record, lost))
     ranked = signals.long_enough and not signals.angular.any()
     if ranked and all(finding.ok for finding in copied):
-        # Counts that jump, stick or are cut off make delays and sizes that are none.
+        # Counts that jump, stick or are cut off feign delays and scale errors.
         counts = [*counts_findings(signals, Signals(repeats_bridged(record, lost)))]
         noisy = (signals.noise > signals.least_count).any()
         # Without a reference, torques in another unit make counts that seem to stick.
@@ -252,7 +256,7 @@ def _examined(record, hypotheses, labels):
         )
     caused = {(cause.check, cause.joint) for cause in causes}
 
-    # What a correction mends is a fault of its own; all else is seen in the corrected log.
+    # A fault that a correction removes is already a finding; the corrected log shows all others.
     corrected = result.corrected.record
     # Where nothing is corrected, all that is known of the log stays.
     if corrected is not record:
@@ -270,7 +274,7 @@ def _examined(record, hypotheses, labels):
     data = [finding for finding in [*data, *copied] if (finding.check, finding.joint) not in caused]
     measured = measured_findings(bridged, caused)
     after = [finding for finding in measured if (finding.check, finding.joint) not in caused]
-    # A loop that swings makes delays and units that are none: its finding comes first.
+    # An oscillating loop feigns delays and wrong units, so its finding comes first.
     swings = [finding for finding in data if finding.check == "oscillation" and not finding.ok]
     later = _LATER if not swings else (*_LATER, "delay")
     mended = [cause for cause in causes if cause.check not in later]
@@ -284,7 +288,8 @@ def _worded(causes, findings):
     return [measured.get((cause.check, cause.joint), cause) for cause in causes]
 
 
-# Causes of a torque's size: a coarse encoder, or a torque that is cut off, looks like one.
+# Causes that concern the size of a torque come late: a coarse encoder or a clipped torque looks
+# like one of them.
 _LATER = "units of torque", "viscous friction"
 
 
@@ -294,7 +299,8 @@ def late_counts(record) -> Floats:
     bridged = Experiment(all_bridged(record, lost_rows(record)))
     for cause in ranked_causes(record, bridged, TABLE, record.rig.joint_labels).causes:
         if cause.name == "late counts":
-            late[columns_of(cause.joints)] = cause.size
+            # A cause is the size beyond the causes before it.
+            late[columns_of(cause.joints)] += cause.size
     return late
 
 
@@ -302,9 +308,9 @@ _SPOILED = "jumps", "clipped counts", "glitches", "stuck encoder"
 
 
 def ranked_causes(record, bridged, table, labels, settings=SELECTION) -> Ranking[Experiment]:
-    """What explains a record better than what it states; its corrections change the record itself.
+    """Rank the causes that explain a record better than its own statements, and correct the record.
 
-    `bridged`: the experiment of the record with its lost rows bridged, for the comparison.
+    `bridged`: the record with its lost rows bridged, as an experiment. The causes are ranked on it.
     """
     trials = Trials(table)
     result = ranking(bridged, trials, labels, settings)

@@ -1,8 +1,8 @@
 """The equation of motion of one motor, and the regression of its torque on it.
 
-A torque drives inertias and overcomes friction, none of them negative, and gravity. The regression
-has no model of the arm: the accelerations of the other motors, sines and cosines of the angles and,
-of few joints, inertias that depend on the pose stand for it.
+A motor's torque accelerates its inertia and overcomes friction and gravity. Inertia and friction
+are not negative. The regression replaces a model of the arm by the accelerations of the other
+motors, sines and cosines of the angles and, for few joints, inertias that depend on the pose.
 """
 
 import itertools
@@ -27,8 +27,8 @@ class EquationSettings:
     coupled : int
         Joints up to which the equation has inertias that depend on the pose.
     windows : int
-        Windows of averages that a log has beyond the unknown coefficients, at least; they are
-        shorter in a short one.
+        Least number of averaging windows in excess of the unknown coefficients. A short log has
+        shorter windows.
     """
 
     coupled: int = 3
@@ -37,8 +37,8 @@ class EquationSettings:
 
 SETTINGS = EquationSettings()
 
-# Relative weight that keeps normal equations of columns that are alike solvable: rounding errors
-# of a sum of 2000 products are below it.
+# Relative ridge that keeps normal equations solvable if columns are nearly dependent. It exceeds
+# the rounding errors of a sum of 2000 products.
 RIDGE = 1e-9
 
 
@@ -68,15 +68,16 @@ class Columns:
         self.filter = log_filter
         self.swings = swings
         n, rig = signals.n, signals.rig
-        # The derivatives of a joint at rest are rounding errors, which explain a constant torque.
+        # The derivatives of a joint at rest are rounding errors, which would feign a relation to a
+        # constant torque: they are set to zero.
         moves = np.ptp(signals.counts, axis=0) > 0
         per_pulse = np.broadcast_to(rig.encoder.to_angle(np.ones(n)), (n,)) * moves
         self.acceleration = np.column_stack([column.acceleration for column in counts]) * per_pulse
         self.speed = np.column_stack([column.speed for column in counts]) * per_pulse
         self.direction = np.column_stack([column.direction for column in counts])
         angle = rig.cell_centre(np.column_stack([column.value for column in counts]))
-        # Gravity acts on absolute angles of links in one plane, behind a first joint that stands
-        # upright or not.
+        # Links in one plane: gravity depends on sums of joint angles. With three joints or
+        # more the first axis may be vertical: then the sums have no first angle.
         absolute = np.cumsum(angle, axis=1)
         angles = [absolute] if n < 3 else [absolute, absolute[:, 1:] - angle[:, :1]]
         gravity = [function(pose) for pose in angles for function in (np.sin, np.cos)]
@@ -91,7 +92,7 @@ class Columns:
         # The first joint's angle does not change the inertia.
         for function in (np.cos, np.sin):
             for column in function(angle[:, 1:]).T:
-                # Without its mean the coefficient of the acceleration alone is a mean over the log.
+                # The mean is removed, so that the acceleration's coefficient is the mean inertia.
                 pose = column - column.mean()
                 yield from (pose * term for term in (*self.acceleration.T, *products))
 
@@ -129,7 +130,7 @@ class Motion(NamedTuple):
 
     @classmethod
     def of(cls, equation: Equation, independent: float, others: int, closed: bool) -> Self:
-        """Fit the coefficients of an equation, of so many `independent` rows.
+        """Fit the coefficients of an equation; `independent` is its number of independent rows.
 
         The first `others` of the free columns are the other motors' accelerations. `closed`:
         whether a loop turns a delay of the counts into torque.
@@ -141,8 +142,8 @@ class Motion(NamedTuple):
             return nothing
         torque = centred(torque)
         speed = own[:, 1]
-        # In a loop slow rows are left out, where the sign of friction is not sure; averaged rows of
-        # a swing are all kept.
+        # In a closed loop slow rows are left out, because the sign of their friction is uncertain.
+        # Without a loop all rows that move are kept.
         slowest = REGRESSION.slow * np.sqrt(np.mean(speed**2)) if closed else 0.0
         rows = np.abs(speed) > slowest
         size = float(np.mean(torque[rows] ** 2)) if rows.sum() > free.shape[1] + 3 else 0.0
@@ -165,7 +166,7 @@ class Motion(NamedTuple):
         # left out of the variance that a hypothesis about the rig has to explain.
         by_speed = squares[1, -1] ** 2 / max(squares[1, 1], RIDGE) if closed else 0.0
         variance = max(squares[-1, -1] - by_speed, RIDGE * size)
-        # 3. The coefficients of the free columns beside those, and standard deviations of all.
+        # 3. The coefficients of the other accelerations, given those, and all standard deviations.
         coupling = (by_free[:, -1] - by_free[:, :k] @ value)[:others]
         std = _deviations(squares, table, residual / independent)
         value, std = (x / scale[: k + others] for x in (np.r_[value, coupling], std[: k + others]))
@@ -188,7 +189,8 @@ def _not_negative(squares):
     """
     k = len(squares) - 1
     value, least = np.zeros(k), squares[-1, -1]
-    # All columns usually fit; else the best of the largest subsets that do.
+    # Usually no coefficient of all columns is negative. Otherwise take the largest subset of
+    # columns of which this is true; of several, the one with the least residual.
     for count in range(k, 0, -1):
         for chosen in map(list, itertools.combinations(range(k), count)):
             inner = squares[np.ix_(chosen, chosen)] + RIDGE * np.eye(count)
@@ -204,10 +206,10 @@ def _not_negative(squares):
 
 
 def _deviations(squares, table, variance):
-    """Standard deviations (k,) of a least-squares fit, of unit variance `variance`.
+    """Standard deviations (k,) of a least-squares fit; `variance` is the variance of unit weight.
 
     `squares`: normal equations of the table (M, k + 1), its measured column last. A jackknife over
-    segments of the log covers what the regression lacks, which changes with the pose.
+    segments of the log covers the model errors, which change with the pose.
     """
     length = len(table) // REGRESSION.segments
     parts = table[: length * REGRESSION.segments].reshape(REGRESSION.segments, length, -1)

@@ -96,7 +96,7 @@ def _exchanges() -> Iterator[Hypothesis[Any]]:
             measurement="Move one joint alone: its columns are those that change.",
             scope=pairs,
             sizes=(0.0, 1.0),
-            # A log has its torques in the order of its counts.
+            # A log usually has its torques in the order of its counts: an exchange is unlikely.
             against=8.0 if name == "torques" else 5.0,
         )
 
@@ -143,7 +143,7 @@ def _turns() -> Iterator[Hypothesis[Any]]:
             measurement=_LOAD,
             scope=each_joint,
         )
-        # A driver, or a reader, that turns the sign of one joint turns those of all.
+        # A driver or a reader may well change the sign of all joints at once.
         if name != "gear":
             yield Hypothesis(
                 name=f"turned {name} of all joints",
@@ -283,7 +283,7 @@ def _units_of_one() -> Iterator[Hypothesis[Any]]:
 
 
 def _resolutions() -> Iterator[Hypothesis[Any]]:
-    """Yield the rows: what a count is."""
+    """Yield the rows: a wrong unit or resolution of the counts."""
     yield Hypothesis(
         name="scaled counts",
         check="units of counts",
@@ -366,7 +366,7 @@ def _statements() -> Iterator[Hypothesis[Any]]:
         undo=with_rate,
         measurement=_BLOCKED,
         evidence=rate_evidence,
-        # Of a law with memory, whose steps of torque tell: from about a sample on.
+        # Sizes for a law with memory, whose torque steps show the rate: from about a sample on.
         sizes=(0.001, 0.002, 0.004, 0.008, 0.016, 0.032),
         tolerance=0.05,
         unit="s",
@@ -527,7 +527,7 @@ def _stated() -> Iterator[Hypothesis[Any]]:
 
 
 def several(n: int) -> Iterator[Joints]:
-    """The scope of a mistake of all joints alike; of a single joint `each_joint` is the scope."""
+    """The scope of a mistake that all joints share; a robot of one joint has `each_joint` only."""
     # The empty tuple stands for all joints.
     if n > 1:
         yield ()
@@ -549,4 +549,4 @@ TABLE: tuple[Hypothesis[Any], ...] = (
 )
 
 SWITCHES = tuple(row for row in TABLE if row.suggested is None and row.tolerance is None)
-"""Rows without a size to estimate from the motion: all that a log with useless counts shows."""
+"""Rows without a size that the motion must tell: only these suit a log with useless counts."""

@@ -190,3 +190,14 @@ def test_a_small_delay_explains_most_of_what_the_law_does_not(rest, samples, del
     )
     assert changed.score - experiment.score > row.against
     assert bool([*Trials([row])(experiment)]) is delayed
+
+
+def test_a_joint_that_is_later_than_the_others_has_both_delays():
+    """A delay of all joints is found first, and that of one joint beside it."""
+    record = simulate(ARM, RIG, puma560.p_law(), puma560.reference())
+    counts = np.array(record.counts)
+    for joint, samples in enumerate((2, 5)):
+        counts[samples:, joint] = record.counts[:-samples, joint]
+        counts[:samples, joint] = record.counts[0, joint]
+    shifted = dataclasses.replace(record, error_pulses=record.reference_pulses - counts)
+    assert told(shifted) == [2, 5]
