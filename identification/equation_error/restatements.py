@@ -158,8 +158,23 @@ def _samples(equation, milliseconds):
     return round(1e-3 * milliseconds / equation.rig.period)
 
 
-def latenesses(equation, joints):
-    """Times [ms] by which torques may be late, and how much closer each joint follows then.
+def late_positions(equation, joints, size):
+    """Positions that were logged so many milliseconds late."""
+    return in_time(equation, joints, -size)
+
+
+def torques_lateness(equation, joints):
+    """Times [ms] by which torques may be late, and how much closer each joint follows then."""
+    return _latenesses(equation, joints, 1)
+
+
+def positions_lateness(equation, joints):
+    """The same of positions, against which torques are early."""
+    return _latenesses(equation, joints, -1)
+
+
+def _latenesses(equation, joints, sign):
+    """Times [ms] by which the torques may be late, or early by `sign`, and their evidence.
 
     A joint with little friction shows the time; one that friction alone moves does not, and
     leaves most.
@@ -172,8 +187,10 @@ def latenesses(equation, joints):
     # A short log leaves fewer samples at its ends.
     margin = min(equation.rows[0], len(equation.torque) - 1 - equation.rows[-1])
     for size in SETTINGS.late:
+        if sign * size < 0:
+            continue
         # Loggers are late by a sample, and hold torques for one.
         if not 2 <= abs(_samples(equation, size)) <= margin:
             continue
         gain = as_stated - joint_by_joint(in_time(equation, joints, size))
-        yield size, SETTINGS.by_joint * gain
+        yield sign * size, SETTINGS.by_joint * gain

@@ -266,12 +266,13 @@ def test_no_unit_leaves_a_motion_of_a_degree():
     assert contradictions(equation) == ()
 
 
-def test_torques_that_are_late_by_some_samples_are_named():
+@pytest.mark.parametrize(("name", "sign"), [("late torques", 1), ("late counts", -1)])
+def test_columns_that_are_late_by_some_samples_are_named(name, sign):
     equation = bodied()
     period = equation.rig.period
-    late = np.roll(equation.torque, round(0.02 / period), axis=0)
+    late = np.roll(equation.torque, sign * round(0.02 / period), axis=0)
     cause, *_ = contradictions(equation.with_torque(late))
-    assert (cause.name, cause.size) == ("late torques", 20.0)
+    assert (cause.name, cause.size) == (name, 20.0)
     # One sample is the logger's.
     later = np.roll(equation.torque, 1, axis=0)
     assert contradictions(equation.with_torque(later)) == ()
