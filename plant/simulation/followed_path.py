@@ -8,7 +8,7 @@ itself, with its acceleration, it is that of smoothing splines.
 
 import dataclasses
 import os
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,6 +30,18 @@ _AT_ONCE = 1 << 16
 _ROUNDING = 1 / np.sqrt(12)  # standard deviation of the rounding error of a count [pulses]
 
 
+class Stretch(NamedTuple):
+    """Polynomial that may give the initial speed of a joint.
+
+    `degree`. `samples`: number of first samples to which it is fitted. `clear`: smallest speed that
+    is accepted, in standard deviations of its error by rounding.
+    """
+
+    degree: int
+    samples: int
+    clear: float = 0.0
+
+
 @frozen_settings
 class PathSettings:
     """Numbers to rebuild a motion, and to estimate the initial speed, from counts; set by hand.
@@ -42,12 +54,11 @@ class PathSettings:
         Samples of the longest log that is rebuilt.
     missed : float
         Largest share of counts that may differ from those of the log: rounding explains so many.
-    stretches : tuple of (int, int, float)
-        Polynomials to fit to the first counts, the least noisy first: degree, number of samples,
-        and smallest accepted speed, in standard deviations of its error by rounding. Each joint
-        takes the speed of the first polynomial that fits its counts and reaches this speed. Where
-        only a short one fits, the joint is fast, or its controller was just switched on: a first
-        count that is off by 5 must not look like a speed (test_simulator.py).
+    stretches : tuple of Stretch
+        Polynomials to fit to the first counts, the least noisy first. Each joint takes the speed of
+        the first polynomial that fits its counts and shows a clear speed. Where only a short one
+        fits, the joint is fast, or its controller was just switched on: a first count that is off
+        by 5 must not look like a speed (test_simulator.py).
     deviation : float
         Largest distance [pulses] of a count from its polynomial that rounding explains.
     speed : float
@@ -58,12 +69,12 @@ class PathSettings:
     shortest: int = 50
     longest: int = 100_000
     missed: float = 0.05
-    stretches: tuple[tuple[int, int, float], ...] = (
-        (2, 10, 0.0),
-        (4, 20, 0.0),
-        (4, 10, 12.0),
-        (4, 8, 12.0),
-        (2, 3, 12.0),
+    stretches: tuple[Stretch, ...] = (
+        Stretch(degree=2, samples=10),
+        Stretch(degree=4, samples=20),
+        Stretch(degree=4, samples=10, clear=12.0),
+        Stretch(degree=4, samples=8, clear=12.0),
+        Stretch(degree=2, samples=3, clear=12.0),
     )
     deviation: float = 1.5
     speed: float = 0.5
@@ -309,28 +320,32 @@ def _initial_speed(record: Record) -> Floats:
     """
     polynomial = np.polynomial.polynomial
     speed = np.zeros(record.n)
-    speeds = []
     decided = np.zeros(record.n, bool)
-    longest = int(np.argmax([samples for _, samples, _ in SETTINGS.stretches]))
-    _, enough, _ = SETTINGS.stretches[0]
-    if len(record) < enough or (np.ptp(record.counts[:enough], axis=0) <= 1).all():
+    least_noisy, *_ = SETTINGS.stretches
+    longest = max(SETTINGS.stretches, key=lambda stretch: stretch.samples)
+    first = record.counts[: least_noisy.samples]
+    if len(first) < least_noisy.samples or (np.ptp(first, axis=0) <= 1).all():
         return speed
-    for degree, samples, deviations in SETTINGS.stretches:
-        counts = record.counts[:samples]
+    for stretch in SETTINGS.stretches:
+        counts = record.counts[: stretch.samples]
         # In units of the stretch, so that the fit is well conditioned.
         t = record.t[: len(counts)] - record.t[0]
         scale = t[-1]
-        coefficients = polynomial.polyfit(t / scale, counts, degree)
+        coefficients = polynomial.polyfit(t / scale, counts, stretch.degree)
         off = np.abs(polynomial.polyval(t / scale, coefficients).T - counts).max(axis=0)
-        noise = np.linalg.norm(np.linalg.pinv(polynomial.polyvander(t / scale, degree))[1])
+        # Error of the coefficient per error of a count.
+        solved = np.linalg.pinv(polynomial.polyvander(t / scale, stretch.degree))
+        noise = _ROUNDING * np.linalg.norm(solved[1])
         near = off <= SETTINGS.deviation
-        near &= np.abs(coefficients[1]) >= deviations * _ROUNDING * noise
-        speeds.append(coefficients[1] / scale)
-        speed = np.where(near & ~decided, speeds[-1], speed)
+        near &= np.abs(coefficients[1]) >= stretch.clear * noise
+        shown = coefficients[1] / scale
+        speed = np.where(near & ~decided, shown, speed)
         decided |= near
+        if stretch is longest:
+            roughly = shown
     # A record that replays its log had no controller switched on: its counts show real motion.
     if record.law is not None and record.law.replays:
-        speed = np.where(decided, speed, speeds[longest])
+        speed = np.where(decided, speed, roughly)
     return record.rig.to_angle(speed)
 
 
