@@ -321,7 +321,7 @@ def _initial_speed(record: Record) -> Floats:
     polynomial = np.polynomial.polynomial
     speed = np.zeros(record.n)
     decided = np.zeros(record.n, bool)
-    least_noisy, *_ = SETTINGS.stretches
+    least_noisy = SETTINGS.stretches[0]
     longest = max(SETTINGS.stretches, key=lambda stretch: stretch.samples)
     first = record.counts[: least_noisy.samples]
     if len(first) < least_noisy.samples or (np.ptp(first, axis=0) <= 1).all():
