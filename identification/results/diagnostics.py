@@ -231,10 +231,11 @@ def _doubted(runs: Sequence[Predicted], objectives: Sequence[Objective]) -> bool
 
 
 def _wider(run: Predicted, run_with_bias: Predicted) -> Predicted:
-    """The run with the limit of the biased run, at most `_WIDER` times its expected difference."""
+    """The run with the larger limit of the two, at most `_WIDER` times its expected difference."""
     if not run.expected > 0:  # NaN: nothing asks for an explanation
         return run
-    return run._replace(limit=np.fmin(run_with_bias.limit, _WIDER * run.expected))
+    with_bias = np.fmin(run_with_bias.limit, _WIDER * run.expected)
+    return run._replace(limit=np.fmax(run.limit, with_bias))
 
 
 def _by_prediction(

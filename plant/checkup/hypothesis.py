@@ -10,6 +10,7 @@ fitted model with its records (`identify`). The selection is the same for both.
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from itertools import combinations
+from string import Formatter
 from typing import Any, Generic, NamedTuple, TypeVar
 
 import numpy as np
@@ -42,6 +43,23 @@ def columns_of(joints: Joints) -> list[int] | slice:
     return list(joints) or slice(None)
 
 
+SENTENCE_FIELDS = {
+    "joint": "name of the joint, or of the first of a pair",
+    "other": "name of the second joint of a pair",
+    "value": "the size, a number: {value:.2g}",
+    "inverse": "one over the size",
+    "shift": "the size as a delay in words: 2 samples late",
+    "option": "the option of the robot file that undoes a delay",
+    "torque": "name of the joint's column of torques in the log",
+    "counts": "name of the joint's column of counts",
+    "reference": "name of the joint's column of references",
+    "error": "name of the joint's column of tracking errors",
+    "cell": "the cell of the counter at zero by the rounding that is not stated",
+    "rounding": "the rounding of the encoder that is not stated",
+}
+"""Fields of the sentence and the remedy of a hypothesis, with their meanings."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class Hypothesis(Generic[Experiment]):
     """One thing that can be wrong: its words, how to undo it, and how likely it is.
@@ -51,7 +69,8 @@ class Hypothesis(Generic[Experiment]):
     name : str
         Name of the mistake, "delay".
     sentence : str
-        What is wrong. `{joint}`, `{other}` are the joints of the scope, `{value}` the size.
+        What is wrong, with fields in braces: `{joint}` and `{other}` are the joints of the scope,
+        `{value}` the size. `SENTENCE_FIELDS` lists all of them.
     remedy : str
         What the user does about it, with the same fields.
     undo : callable
@@ -86,6 +105,11 @@ class Hypothesis(Generic[Experiment]):
         that the log cannot distinguish from it is not advised.
     measurement : str
         What distinguishes the mistake from others, as a sentence.
+
+    Raises
+    ------
+    ValueError
+        If the sentence or the remedy has a field that is not in `SENTENCE_FIELDS`.
 
     See Also
     --------
@@ -122,6 +146,17 @@ class Hypothesis(Generic[Experiment]):
     scored: bool = False
     parameter: bool = False
     measurement: str = ""
+
+    def __post_init__(self) -> None:
+        # Here, not when the mistake is reported: its author sees the error.
+        for text in (self.sentence, self.remedy):
+            for _, name, _, _ in Formatter().parse(text):
+                if name is not None and name not in SENTENCE_FIELDS:
+                    raise ValueError(
+                        f"hypothesis {self.name!r}: expected fields among "
+                        f"{', '.join(SENTENCE_FIELDS)}; got {{{name}}} in {text!r}; "
+                        f"use one of these fields, or write {{{{ and }}}} for braces"
+                    )
 
 
 class Candidate(NamedTuple):

@@ -189,19 +189,17 @@ def _not_negative(squares):
     """
     k = len(squares) - 1
     value, least = np.zeros(k), squares[-1, -1]
-    # Usually no coefficient of all columns is negative. Otherwise take the largest subset of
-    # columns of which this is true; of several, the one with the least residual.
-    for count in range(k, 0, -1):
-        for chosen in map(list, itertools.combinations(range(k), count)):
-            inner = squares[np.ix_(chosen, chosen)] + RIDGE * np.eye(count)
-            target = squares[chosen, -1]
+    # The solution is the ordinary fit of those columns whose coefficients are positive. Among all
+    # sets of columns whose fit has no negative coefficient, it leaves the least residual.
+    for count in range(1, k + 1):
+        for columns in map(list, itertools.combinations(range(k), count)):
+            inner = squares[np.ix_(columns, columns)] + RIDGE * np.eye(count)
+            target = squares[columns, -1]
             coefficients = np.linalg.solve(inner, target)
             residual = squares[-1, -1] - target @ coefficients
             if (coefficients >= 0).all() and residual < least:
                 value, least = np.zeros(k), residual
-                value[chosen] = coefficients
-        if value.any():
-            break
+                value[columns] = coefficients
     return value, least
 
 

@@ -291,7 +291,7 @@ def test_hypotheses_that_fail_or_change_nothing_are_named_and_the_others_go_on(r
         Hypothesis(
             name="misspelt",
             undo=lambda record, joints, size: with_torque(record, 2 * record.torque),
-            sentence="The torque is {size:g} times too large",
+            sentence="The torque is {value:d} times too large",  # the size is no int
             remedy="Halve it.",
         ),
     ]
@@ -303,6 +303,17 @@ def test_hypotheses_that_fail_or_change_nothing_are_named_and_the_others_go_on(r
         "broken",
         "misspelt",
     ]
+
+
+def test_a_field_that_no_sentence_has_is_named_where_it_is_written():
+    with pytest.raises(ValueError, match=r"\{size\}") as error:
+        Hypothesis(
+            name="misspelt",
+            undo=lambda record, joints, size: record,
+            sentence="The torque is {size:g} times too large",
+            remedy="Halve it.",
+        )
+    assert all(name in str(error.value) for name in ("misspelt", "joint", "value"))
 
 
 @pytest.mark.parametrize("rate", [0.0, pytest.param(0.004, marks=pytest.mark.slow)])
