@@ -31,7 +31,7 @@ _FAST = 0.5
     field_specifiers=(number, structure),
 )
 def base(cls: type[T]) -> type[T]:
-    """Class decorator: fields that the parts derived from this class have in common."""
+    """Make a class a frozen dataclass; the parts derived from it have its fields in common."""
     return dataclasses.dataclass(frozen=True, kw_only=True, eq=False)(cls)
 
 
@@ -39,15 +39,17 @@ def base(cls: type[T]) -> type[T]:
 class ModelLaw(Law):
     """Base of the laws that work out torques from an arm; runs once per sample of its rig.
 
-    `arm`: the identified arm; an identification gives its rig, too: ``ComputedTorque(found)``. An
-    identification with doubts gives an `IdentificationWarning`. `rig`: the identified rig,
-    ``found.rig``.
+    `arm`: the identified arm, or an identification, which brings its rig as well:
+    ``ComputedTorque(found)``. An identification with doubts causes an `IdentificationWarning`.
+    `rig`: the identified rig, ``found.rig``; a rig that is passed replaces the identification's.
 
     Raises
     ------
     ValueError
-        An arm whose D(q) does not exceed the motors' own inertia everywhere (no feedback would be
-        stable), joints that do not match; later, a rig with other joints than the arm's.
+        The inertia matrix D(q) of the arm does not exceed the motors' own inertia everywhere (no
+        feedback would be stable), or arm and rig have different numbers of joints. Later, `block`
+        refuses a rig that differs from the law's own in joints, period, direction of a gear, or
+        type of the inner loop.
     """
 
     arm: Arm | Any = structure(kw_only=False)  # an Identification goes in, too; its arm is kept
@@ -56,7 +58,7 @@ class ModelLaw(Law):
     def __post_init__(self) -> None:
         found = self.arm
         name = type(self).__name__
-        # An identification brings arm and rig; a stated rig goes before its own.
+        # An identification brings arm and rig; a rig that the caller passes takes precedence.
         if isinstance(found, Estimate):
             object.__setattr__(self, "arm", found.arm)
             object.__setattr__(self, "rig", found.rig if self.rig is None else self.rig)
@@ -79,22 +81,22 @@ class ModelLaw(Law):
 
     @property
     def period(self) -> float | None:  # type: ignore[override]  # declared, and here the rig's
-        """Once per sample of the rig [s]."""
+        """Period of the law [s], which is the sampling period of its rig."""
         return self.rig.period
 
     def rig_of_frames(self, rig: Rig) -> Rig:
-        """The law's own rig: goals are computed with the gain of the servo that the law assumes."""
+        """Return the law's own rig, not `rig`: goals need the servo gain that the law assumes."""
         return self.rig
 
     def sliding(self) -> Law:
-        """This law, which takes the rig to be without dry friction."""
+        """Return a copy of this law that assumes its rig to be without dry friction."""
         return dataclasses.replace(self, rig=sliding_rig(self.rig))
 
     def start(self, rig: Rig, pulses: ArrayLike, **options: Any) -> Running:
-        """This law as a running controller, as `Law.start`; an unstable loop is refused.
+        """Return this law as a running controller, as `Law.start` does; refuse an unstable loop.
 
-        The linearised loop is checked where the rig, or the law's own, states elastic gears, and
-        where the bandwidth is high for the period.
+        The linearised loop is checked if the given rig or the law's own rig states elastic gears,
+        or if the bandwidth is high for the period.
 
         Raises
         ------
@@ -105,8 +107,8 @@ class ModelLaw(Law):
         return super().start(rig, pulses, **options)
 
     def require_stable(self, rig: Rig, pulses: ArrayLike) -> None:
-        """Refuse what `start` refuses: an unstable loop."""
-        # Elastic gears of the machine, where its rig states them, else those of the law's model.
+        """Raise a ValueError if the linearised loop that `start` checks is unstable."""
+        # Take the machine's rig if it states elastic gears, and the law's own rig otherwise.
         stated = rig if getattr(rig.drive, "elasticity", None) is not None else self.rig
         # Rigid loops with a moderate bandwidth are stable by design, and cost no linearisation.
         fast = getattr(self, "bandwidth", 0.0) * self.rig.period > _FAST
@@ -135,11 +137,11 @@ class ModelLaw(Law):
             raise ValueError(f"{name} must be stable on this rig; linearised {swings}. {advice}")
 
     def h(self, q: ca.SX, qd: ca.SX) -> ca.SX:
-        """Torque (n, 1) [N m] beside inertia and friction: h-hat less the rig's springs."""
+        """Torque (n, 1) [N m] without inertia and friction: h of the arm less the rig's springs."""
         return self.arm.dynamics.h(q, qd, self.arm.f) - self.rig.spring_torque(q)
 
     def model_parts(self, q: ca.SX, qd: ca.SX, qdd: ca.SX) -> dict[str, ca.SX]:
-        """Gravity, friction (if the law knows it) and inertia (n, 1) [N m] of the model."""
+        """Model torques (n, 1) [N m] by name: gravity, inertia, and friction if the law uses it."""
         model = self.arm.dynamics
         f = self.arm.f
         parts = {"gravity": model.gravity(q, f)}

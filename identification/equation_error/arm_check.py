@@ -1,4 +1,7 @@
-"""Whether fitted parameters are those of an arm: D(q) positive, inertias at least the rotors'."""
+"""Check whether a real arm can have the fitted parameters.
+
+The inertia matrix D(q) must be positive, and no joint may have less inertia than its rotor.
+"""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -12,21 +15,23 @@ from plant.parts.fields import Floats
 
 @dataclass(frozen=True, kw_only=True)
 class ArmCheckSettings:
-    """Limits from which on parameters are those of no arm; chosen by hand.
+    """Limits beyond which the check doubts the parameters. They were chosen by hand.
 
     Parameters
     ----------
     deviations : float
-        Standard deviations by which an inertia contradicts a stated rotor, or zero.
+        Each check allows an inertia an error of this many standard deviations.
     below : float
-        Share of a rotor's inertia by which that of its joint must be smaller.
+        The check reports a joint if its inertia is below that of its rotor by more than this share
+        of the rotor's inertia, besides the standard deviations.
     rough : float
-        The same where standard deviations do not cover the errors of the method.
+        This value replaces `below` if the covariance does not cover the errors of the method.
     differing : float
-        Share of a rotor's inertia by which the identified one must differ, because the parts that
-        turn with it in the gear are seldom stated.
+        The check reports an identified rotor if it differs from the stated one by more than this
+        share of the stated inertia, besides the standard deviations. The share allows for parts of
+        the gear that turn with the rotor, which are seldom stated.
     logged, beyond : int
-        Poses at which D is tested, of the log and of all angles.
+        D is tested at no more than `logged` poses of the log, and at `beyond` random poses.
     """
 
     deviations: float = 4.0
@@ -42,9 +47,10 @@ SETTINGS = ArmCheckSettings()
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FittedArm:
-    """Parameters (p,) with their covariance (p, p), which is zero of those that were not fitted.
+    """Parameters `f` (p,) of an arm, with their covariance (p, p).
 
-    `q` (N, n): poses of the log. `fitted`: names of the fitted ones. `rough`: whether the
+    The covariance is zero for each parameter that was not fitted. `q` (N, n) holds the poses of
+    the log, and `fitted` holds the names of the fitted parameters. `rough` is true if the
     covariance does not cover the errors of the method.
     """
 
@@ -65,7 +71,10 @@ class FittedArm:
             yield from self.of_rotors()
 
     def _negative(self) -> str:
-        """The line of an inertia matrix that is negative at a pose; empty if it is positive."""
+        """Return a message if D is not positive at its worst pose, or else an empty string.
+
+        The test adds `SETTINGS.deviations` standard deviations to the least eigenvalue.
+        """
         q, direction, energy = self._worst(self.f)
         # Energy is linear in f.
         row = np.array(
@@ -93,7 +102,7 @@ class FittedArm:
         random = np.random.default_rng(0)
         logged = self.q[:: -(-len(self.q) // SETTINGS.logged)]
         anywhere = random.uniform(-np.pi, np.pi, (SETTINGS.beyond, self.q.shape[1]))
-        # A slide has no turn: its D is tested where the log was.
+        # A slide has no full turn to test: it keeps its first position in the log.
         slides = [link.prismatic for link in self.dynamics.chain.links]
         anywhere[:, slides] = self.q[:1, slides]
         poses = np.concatenate([logged, anywhere])
@@ -107,7 +116,7 @@ class FittedArm:
 
         D at the shafts of the motors is at least diag(Jm k^2), whatever the links are: the rotor
         turns with its joint. Where a base parameter is the inertia of one rotor and nothing else,
-        it is the stated one.
+        a fitted value of this parameter must be close to the stated inertia.
         """
         # At the pose in which the log begins; each inertia is linear in f.
         rows = shaft_inertias(self.dynamics, self.rig, self.q[0])
@@ -130,7 +139,7 @@ class FittedArm:
             elif k >= 0 and self.dynamics.names[k] in self.fitted:
                 limit = SETTINGS.deviations * np.sqrt(self.covariance[k, k])
                 limit += SETTINGS.differing * rotors[i]
-                if abs(self.f[k] - rotors[i]) > limit > 0:  # 0: known, and no rotor is stated
+                if abs(self.f[k] - rotors[i]) > limit > 0:  # 0: no deviation, no stated rotor
                     yield (
                         f"the rotor of {label} is not as stated: {self.dynamics.names[k]} is"
                         f" {self.f[k]:.3g} {unit}, {stated}. The law has what was found; what is"

@@ -1,13 +1,13 @@
 """Linear least squares with the same bits on any number of threads; cluster-robust covariances.
 
-By Gram-Schmidt, or of products: products of the columns are made six times faster than an
-orthonormal basis, and lose half the digits: they are exact enough where columns that are nearly
-dependent are refused anyway.
+`least_squares` factorises the columns by Gram-Schmidt, or from their products by Cholesky. The
+products are six times faster than an orthonormal basis, and lose half the digits. They are exact
+enough where the threshold refuses nearly dependent columns anyway.
 
 Residuals of one segment may be correlated in any way; those of different segments must not be.
-Segments are left out one by one (the delete-a-group jackknife). Of a few runs, of which one may
-tell most, each one's share in the equations is corrected by what of it the fit has taken away
-(bias-reduced linearisation).
+`group_std` leaves out the segments one by one (the delete-a-group jackknife). `run_std` serves a
+few runs, one of which may dominate: it corrects the residual of each run for the share that the
+fit has taken away (bias-reduced linearisation).
 
 Source: B. Efron, C. Stein, The jackknife estimate of variance, Annals of Statistics 9, 1981; R. M.
 Bell, D. F. McCaffrey, Bias reduction in standard errors for linear regression with multi-stage
@@ -27,10 +27,11 @@ from plant.parts.sums import dot, least, norm, product, products
 
 @frozen_settings
 class IdentifiabilitySettings:
-    """Least share of the column of an unknown that must be independent of the other columns.
+    """Thresholds that decide whether the equations can separate an unknown from the others.
 
-    One rule, with one share per source of columns, since a column is known only as exactly as it
-    was made. All are chosen by hand.
+    Most of them are the least share of a column that must be independent of the other columns. Each
+    source of columns has its own share, since each source has its own accuracy. `certain`, `run`
+    and `share` are thresholds of other quantities. All are chosen by hand.
 
     Parameters
     ----------
@@ -52,9 +53,11 @@ class IdentifiabilitySettings:
     certain : float
         Spread of a parameter under a prior; below it the parameter follows from others.
     run : float
-        Directions that a single run determines alone: the others say nothing of their scatter.
+        Tolerance of `run_moves`: the least eigenvalue of a run's products over the largest one, and
+        the least share of a run's residual that the fit must leave in a direction. A direction
+        below either of them is ignored.
     share : float
-        Share of a column in a dependent one from which on a message names it.
+        A message about a dependent column names every column whose share in it exceeds this.
     """
 
     equations: float = 1e-9
@@ -188,9 +191,10 @@ def _by_products(rows, lengths, target, separable):
 def dependent_columns(
     names: Sequence[str], rows: Floats, *, dependent: float = IDENTIFIABLE.equations
 ) -> dict[str, tuple[str, ...]]:
-    """Columns (N, k) that are combinations of previous ones: name -> names of these.
+    """Names of the dependent columns of `rows` (N, k) -> names of the columns that each combines.
 
-    () of a column of zeros.
+    A column is dependent if it is a combination of the independent columns before it. A column of
+    zeros maps to ().
     """
     lengths = np.sqrt((rows * rows).sum(axis=0))
     combinations = {}
@@ -212,7 +216,9 @@ def dependent_columns(
 
 
 def directions(rates: Floats, dependent: float = IDENTIFIABLE.optimum) -> Floats:
-    """Combinations (r, v) of rates (v, M) that are orthonormal; a dependent rate gives none.
+    """Coefficients (r, v) that combine rates (v, M) into r orthonormal rows.
+
+    A dependent rate adds no row.
 
     `dependent`: least independent share of a rate. By Gram-Schmidt on the products of the rates.
     """
@@ -234,9 +240,10 @@ def directions(rates: Floats, dependent: float = IDENTIFIABLE.optimum) -> Floats
 
 
 def along(basis: Floats, rates: Floats, target: Floats) -> Floats:
-    """Coefficients (v,) of rates (v, M) whose sum is nearest to the target; 0 of a dependent rate.
+    """Coefficients (v,) of the combination of rates (v, M) that is nearest to the target (M,).
 
-    `basis` (r, v): their `directions`.
+    `basis` (r, v): what `directions` returns for these rates. A rate that `directions` found
+    dependent has the coefficient 0.
     """
     return product(basis.T, product(basis, np.einsum("vm,m->v", rates, target)))
 
@@ -254,7 +261,8 @@ _AT_ONCE = 1 << 19
 def in_groups(lengths: Sequence[int], prior: int, least: int) -> Integers:
     """Groups (M,) of rows, from 0: each length is cut into the same number of segments.
 
-    There are at least `least` segments of all lengths together.
+    All lengths together have at least `least` segments. Some segments are empty where a length has
+    fewer rows than segments.
 
     The first rows, as many as `prior`, are those of a prior: they are in group -1 and never left
     out.
@@ -274,7 +282,7 @@ def group_std(rows: Floats, residual: Floats, groups: Integers) -> Floats:
     (M,): number of the group of each row, from 0. Few groups make wide intervals: Student's, not
     normal.
 
-    Inf where the rest of the groups does not determine all values.
+    All are infinite if the normal equations without one of the groups are exactly singular.
     """
     count = int(groups.max()) + 1
     k = rows.shape[1]
@@ -299,7 +307,11 @@ def group_std(rows: Floats, residual: Floats, groups: Integers) -> Floats:
 
 
 def run_std(rows: Floats, residual: Floats, runs: Integers) -> Floats:
-    """The same for a few groups of unequal weight, such as runs; parameters as for `group_std`."""
+    """Standard deviations (k,) of the values, for a few groups of unequal weight, such as runs.
+
+    The parameters are those of `group_std`. A direction that one run determines alone adds nothing
+    to the standard deviations: they are not infinite there.
+    """
     moves = run_moves(rows, residual, runs)
     return _student((moves**2).sum(axis=0), np.ones(rows.shape[1]), len(moves))
 
@@ -345,7 +357,7 @@ def at_least(covariance: Floats, std: Floats) -> Floats:
     The part that is added has the same correlations: it makes no combination more certain.
     """
     present = np.sqrt(np.diag(covariance))
-    # A value that is known exactly, or whose segments determine nothing, stays.
+    # A value keeps its present variance if it is known exactly, or if its `std` is not finite.
     wanted = np.where((present > 0) & np.isfinite(std), std, present)
     added = np.sqrt(np.maximum(wanted**2 - present**2, 0.0))
     # An exact value has no share of what is added: 0 / 0 is not evaluated.

@@ -11,7 +11,8 @@ from plant.mechanics.lumping import STANDARD
 
 T = TypeVar("T")
 
-# Units of numbers of rig and law, of the side that they are stated on.
+# Units of the numbers of the rig and the law, by kind. `_OF_JOINT` lists the kinds whose unit
+# depends on whether the joint turns or slides.
 _OF_RIG = {
     "drive.motor_inertia": "kg m²",
     "drive.viscous": "N m s/rad",
@@ -28,8 +29,9 @@ _OF_RIG = {
     "law.speed": "N m s per pulse",
 }
 
-# Checks of columns, and of the statements of rig and law on them: a wrong column makes everything
-# else look wrong, so these come before all other findings.
+# These checks ask whether the columns are right, and whether the rig and the law describe them
+# correctly. A wrong column makes everything else look wrong, so the findings of these checks come
+# before all others.
 _MISREAD = (
     "law",
     "rows left out",
@@ -43,33 +45,36 @@ _MISREAD = (
     "units of torque",
 )
 
-# The same on the joint side, where a slide has units of its own: fields of `JointUnits`.
+# Numbers that are stated on the joint side, where a slide has other units than a joint that turns.
+# Each value is the field of `JointUnits` that holds the unit.
 _OF_JOINT = {
     "drive.elasticity.stiffness": "stiffness",
     "drive.elasticity.damping": "damping",
     "drive.elasticity.backlash": "position",
 }
 
-# Kinds of standard parameters: a unit follows from the kinds that a parameter of f lumps together.
+# Each constant marks the standard parameters of one quantity. The unit of a parameter of f follows
+# from the standard parameters that it lumps together.
 _INERTIA = np.array([kind.startswith("I") for kind in STANDARD])
 _ROTOR = np.array([kind.startswith("J") for kind in STANDARD])
 _FIRST = [kind in ("mx", "my", "mz") for kind in STANDARD]
 
 
 def short_names(dynamics: Dynamics, names: Iterable[str]) -> tuple[str, ...]:
-    """The same names with those of f short (`Dynamics.short_names`).
+    """Return the names, and replace those of the parameters f by `Dynamics.short_names`.
 
-    `Dynamics.legend` says what they mean.
+    `Dynamics.legend` explains the short names.
     """
     short = dict(zip(dynamics.names, dynamics.short_names, strict=True))
     return tuple(short.get(name, name) for name in names)
 
 
 def units(dynamics: Dynamics, names: Iterable[str]) -> tuple[str, ...]:
-    """Units of f and of numbers of rig and law, by name; "" of a number that is not listed here.
+    """Units of the named parameters f and numbers of rig and law; "" for a name not known here.
 
-    A parameter is an inertia where one is in it, else a first moment or a mass; one that enters the
-    inertial torque alone is an inertia where all joints turn. The rotor of a slide counts as mass.
+    A parameter of f has the unit of an inertia if it contains an inertia, else that of a first
+    moment if it contains one, else that of a mass. If all joints turn, a parameter that does not
+    enter the gravitational torque has the unit of an inertia, too. The rotor of a slide is a mass.
     """
     lumping = dynamics.lumping
     of_f = {}
@@ -95,18 +100,18 @@ def units(dynamics: Dynamics, names: Iterable[str]) -> tuple[str, ...]:
 
 
 class RecordError(ValueError):
-    """A refusal of one of several records, which it names.
+    """A record is refused; the message names the record by its label.
 
-    Sent to another process it is a `ValueError` of the same words.
+    Pickling turns this error into a `ValueError` with the same message, which another process gets.
 
     Parameters
     ----------
     said : str
-        The refusal without the record.
+        The message without the label.
     record : Record
         The refused record.
     label : str
-        Name of the record in messages, such as ``records[1] (run_02.csv)``; "" for the only one.
+        Name of the record in messages, such as ``records[1] (run_02.csv)``; "" leaves it out.
 
     See Also
     --------
@@ -140,7 +145,10 @@ class RecordError(ValueError):
 
 
 def record_label(records: Sequence[Record], k: int) -> str:
-    """Name in messages of one of several records, or of a file; "" of the only record."""
+    """Label of a record in messages: its place among several, and its name if it has one.
+
+    The label of an only record is "" if the record has no name.
+    """
     name = f" ({records[k].name})" if records[k].name else ""
     return f"records[{k}]{name}" if len(records) > 1 else f"the record{name}" * bool(name)
 
@@ -184,17 +192,17 @@ def misread(record: Record, *, limited: bool = False) -> tuple[str, ...]:
 def each_named(records: Sequence[Record]) -> Iterator[tuple[Record, Any]]:
     """Each record, with a context in which every refusal names that record."""
     for k, record in enumerate(records):
-        # The context goes with its record: the caller enters it around the work on this record
-        # alone.
+        # Each context belongs to one record: the caller enters the context only for the work on
+        # that record.
         yield record, _about(record, record_label(records, k))
 
 
 def of_each(
     make: Callable[..., T], records: Sequence[Record], *arguments_of_each: Iterable[Any]
 ) -> list[T]:
-    """Results of a function of each record and its further arguments.
+    """Call a function with each record and that record's further arguments; return the results.
 
-    A ValueError names the record.
+    If the function raises a ValueError, the error that reaches the caller names the record.
     """
     results = []
     for (record, about), *arguments in zip(each_named(records), *arguments_of_each, strict=True):
@@ -216,9 +224,10 @@ def _about(record: Record, label: str) -> Iterator[None]:
 
 @contextlib.contextmanager
 def held_out(records: Sequence[Record], searched: int, among: bool) -> Iterator[None]:
-    """A context in which refusals of records that were held out call them so.
+    """A context in which a refusal names a held-out record by its place in the user's list.
 
-    `searched`: number of the others. `among`: whether they are the last of the same list.
+    `searched`: number of records that were not held out. `among`: whether the user passed one list,
+    in which the held-out records come last, instead of a list of their own.
     """
     try:
         yield

@@ -44,10 +44,11 @@ class PosteriorSettings:
     tails : float
         Standard deviations from the mean beyond which the distribution is negligible.
     too_little : float
-        Standard deviation of the mass, over the width of its range, above which a window is not
-        used; with no information at all it is 0.29.
+        Ratio of the standard deviation of the mass to the width of its range, above which a window
+        is not used. Without any information this ratio is 0.29.
     outside : float
-        Standard deviations beyond the range at which a mass is outside it.
+        Distance of a mass from the range, in standard deviations, above which the mass counts as
+        outside the range.
     """
 
     # Grids.
@@ -183,12 +184,15 @@ class LoadShape:
 
 
 def _outwards(arm: Arm) -> Floats:
-    """Direction (3,) of the last link's own centre of mass in its frame, from the arm's parameters.
+    """Signed axis (3,) of the last link's frame along which the link's first moment is largest.
+
+    The arm's parameters f give the first moment.
 
     Raises
     ------
     ValueError
-        None of the parameters f belongs to the last link alone.
+        The parameters f that belong to the last link alone give no first moment, or a negligible
+        one.
     """
     matrix = np.array(arm.dynamics.lumping.matrix)
     # Rows of f to which no other link contributes.
@@ -216,10 +220,12 @@ class PayloadEstimate(Shown, Frozen):
     Attributes
     ----------
     mass, std : float
-        Mean and standard deviation [kg] within the stated range; of a load outside it, the nearest
-        mass and the distance of the load from it.
+        Mean and standard deviation [kg] within the stated range. If the load lies more than
+        `POSTERIOR.outside` standard deviations outside the range, `std` also includes the distance
+        of the load from `mass`.
     interval : (2,) numpy.ndarray
-        95 % interval of the mass [kg]; of a load outside the range, it reaches there.
+        95 % interval of the mass [kg]. If the load lies that far outside the range, the interval
+        extends from the range to the load.
     parameters : (10,) numpy.ndarray
         Mean of the standard parameters of the load (`Body.standard_parameters`).
     position : (3,) numpy.ndarray
@@ -264,7 +270,7 @@ class PayloadEstimate(Shown, Frozen):
 
 
 def information(load: Floats, uncertain: Floats, torque: Floats) -> tuple[Floats, Floats, float]:
-    """Information matrix (b, b) and vector (b,) of a load, and the sum of squares without one.
+    """Information matrix (b, b) and vector (b,) of a load, and the sum of squares without a load.
 
     `load` (R, b), `uncertain` (R, u), `torque` (R,): weighted columns of the torque equation. Each
     uncertain column is scaled such that its number has a prior standard deviation of 1. These
@@ -305,7 +311,7 @@ def posterior(
         return uninformed(shape, shape.prior, interval, message)
     # A centre without an effect on the torques has no weight: avoid the division by zero.
     weight = np.maximum(weight, 1e-12 * weight.max())
-    # Of the best centre: a worse one would count its own error as noise.
+    # The misfit is that of the best centre: a worse centre would count its own error as noise.
     misfit = float(np.sqrt(max(0.0, square - (pull**2 / weight).max()) / rows))
     # A residual above rounding shows further noise: less information for all centres.
     weight = weight / max(1.0, misfit) ** 2
@@ -313,16 +319,17 @@ def posterior(
     centre = pull / weight
     sigma = 1 / np.sqrt(weight)
 
-    # 2. Mixture of the normal distributions of all centres, truncated to the range: the likelihood
-    # of a centre and the probability of the range, exp(inside), give its odds.
+    # 2. Mixture of the normal distributions of all centres, truncated to the range. exp(inside) is
+    # the probability that the distribution of each centre gives to the range.
     mean, variance, inside = _truncated(centre, sigma, low, high)
-    # The evidence of a centre is its likelihood integrated over the masses of the range.
+    # The odds of a centre are proportional to its likelihood, integrated over the masses of the
+    # range.
     log_odds = pull**2 / weight / 2 + np.log(sigma) + inside
     odds = np.exp(log_odds - log_odds.max())
     odds /= odds.sum()
     mass = float(odds @ mean)
     std = float(np.sqrt(odds @ (variance + (mean - mass) ** 2)))
-    # Of a load of no mass the mean of the moments says nothing of the centre.
+    # If the mass is zero, the mean moments do not determine the centre: take the likeliest one.
     likely = int(np.argmax(log_odds))
     parameters = (odds * mean) @ shape.per_kg
     position = parameters[1:4] / mass if mass > 1e-6 else shape.places[likely]
@@ -330,8 +337,8 @@ def posterior(
     ends = max(low, mass - reach), min(high, mass + reach)
     interval = _interval(odds, centre, sigma, inside, ends)
 
-    # 3. Verdict. A load far outside the range shows that the range is wrong: the interval is then
-    # that of the likeliest centre without the range.
+    # 3. Verdict. A load far outside the range shows that the range is wrong. The interval then
+    # also contains the interval of the likeliest centre without the range.
     message, sufficient = judged(shape, misfit <= misfit_limit, misfit, std)
     outside = max((centre[likely] - high) / sigma[likely], (low - centre[likely]) / sigma[likely])
     if sufficient and outside > POSTERIOR.outside:
@@ -418,9 +425,9 @@ def _log_between(a: Floats, b: Floats) -> Floats:
 def _interval(
     odds: Floats, centre: Floats, sigma: Floats, inside: Floats, ends: tuple[float, float]
 ) -> Floats:
-    """Interval of the likeliest 95 % of the mixture, which is negligible outside these ends.
+    """Least interval that contains the likeliest masses, which hold 95 % of the mixture.
 
-    It may end at a bound of the range.
+    The mixture is negligible outside `ends`. The interval may end at a bound of the range.
     """
     grid = np.linspace(*ends, POSTERIOR.masses)[:, None]
     log_density = -(((grid - centre) / sigma) ** 2) / 2 - np.log(sigma) - inside

@@ -17,10 +17,11 @@ from plant.simulation.logged_run import DivergenceError
 
 
 def repeated(identification: Any) -> Record | None:
-    """The first record of an `Identification`, simulated with its values; None if it diverges.
+    """Simulate the first record of an `Identification` again, with the identified values.
 
-    It begins as the record does, its law with the identified memory: the run whose difference from
-    the record is `Diagnostics.difference`.
+    The simulation begins as the record does, and its law begins with the identified memory.
+    `Diagnostics.difference` is the difference between this simulation and the record. The function
+    returns None if the simulation diverges.
     """
     (record,) = as_repeated(identification.records[:1], identification.fit.resumptions[:1])
     try:
@@ -29,8 +30,8 @@ def repeated(identification: Any) -> Record | None:
         return None
 
 
-# Letters of a parameter's meaning that a figure shows, so that two columns fit below its axes;
-# `Dynamics.legend` has them all.
+# A figure cuts each line of `Dynamics.legend` after this number of characters, so that two columns
+# of lines fit below its axes.
 _MEANING = 68
 
 _ADVICE = "Draw without ax once: it returns them in their order"
@@ -40,10 +41,11 @@ _ADVICE = "Draw without ax once: it returns them in their order"
 def plot_identification(identification: Any, ax: Any = None) -> NDArray[Any]:
     """Draw the first record of an `Identification`.
 
-    Three panels per joint: tracking errors, measured and simulated, of the entire record and of a
-    short segment of it, and the innovations. Then the spectrum of tracking errors and innovations,
-    and half-widths of the 95 % intervals, as shares of the values. A new figure has the meaning of
-    the short names of parameters below its axes.
+    Each joint has three panels. The first two show the measured and the simulated tracking error,
+    of the entire record and of a short segment; the third shows the innovations. The last two
+    panels show the spectra of tracking errors and innovations, and the half-widths of the 95 %
+    intervals as shares of the values. A new figure explains the short names of the parameters below
+    its axes.
 
     `ax` (3 n + 2,): where to draw, joint by joint; a new figure by default.
     """
@@ -57,11 +59,13 @@ def plot_identification(identification: Any, ax: Any = None) -> NDArray[Any]:
         lambda: _new_axes(n, len(values), dynamics.legend.splitlines()),
         _ADVICE,
     )
-    # Innovations of the fit: predicted from counts, one sample ahead.
+    # An innovation is a measurement minus its prediction, which is made from the counts one sample
+    # ahead.
     prediction = Prediction(dynamics, record, identification.fit.unknown)
     innovations = prediction.innovations(np.append(values, prediction.nuisances)).reshape(-1, n)
     model = repeated(identification)
-    # The observer starts at rest: what it makes up for would hide innovations below a pulse.
+    # The observer starts at rest, and its first innovations correct that start. The limits of the
+    # axis leave them out, since they would hide later innovations of less than a pulse.
     settled = innovations[FOLLOWED.settling :]
 
     # 1. Errors and innovations, joint by joint.
@@ -79,7 +83,8 @@ def plot_identification(identification: Any, ax: Any = None) -> NDArray[Any]:
         largest = np.abs(settled[:, joint]).max(initial=0.0)
         if np.isfinite(largest) and largest > 0:
             innovation_axis.set_ylim(-1.1 * largest, 1.1 * largest)
-        # Titles of columns stand above the first row only, and times below the last one.
+        # The first panel of each row has the joint as its title. The other two have titles in the
+        # first row only, and only the last row has labels of time.
         dressed(record_axis, label)
         dressed(segment_axis, "a segment" if joint == 0 else "")
         dressed(innovation_axis, "innovation: measured minus predicted" if joint == 0 else "")
@@ -100,12 +105,13 @@ def plot_identification(identification: Any, ax: Any = None) -> NDArray[Any]:
 
 
 def _new_axes(n, values, meaning):
-    """Axes of a figure with the meaning of the parameters below them, in two columns."""
+    """Make a figure that explains the parameters in two columns below its axes; return the axes."""
     import matplotlib.pyplot as plt
 
     short = [line if len(line) <= _MEANING else f"{line[:_MEANING]} ..." for line in meaning]
     half = (len(short) + 1) // 2
-    # Heights [inch]: rows of many joints are lower; the last row holds all intervals.
+    # Heights [inch]: the rows of joints are lower if there are four joints or more, and the last
+    # row is high enough for all intervals.
     heights = [*[1.8 if n < 4 else 1.5] * n, max(2.6, interval_height(values))]
     figure = plt.figure(figsize=(10.5, sum(heights) + 0.14 * half), layout="constrained")
     grid = figure.add_gridspec(n + 1, 3, height_ratios=heights)
@@ -127,7 +133,7 @@ def interval_height(values: int) -> float:
 
 
 def draw_intervals(axis: Any, identification: Any) -> None:
-    """Draw half-widths of the 95 % intervals as shares of the values, and those of noise in them.
+    """Draw half-widths of the 95 % intervals, and those from noise alone, as shares of the values.
 
     The colour of a bar says where the value comes from: the log, or the prior.
     """
@@ -145,7 +151,8 @@ def draw_intervals(axis: Any, identification: Any) -> None:
         return 196 * np.sqrt(np.diag(covariance)) / size  # 1.96 standard deviations [%]
 
     total = shares(identification.covariance)
-    # A known value has no width, and a value of zero no share.
+    # A known value has an interval of no width. The share of a value at or near zero is infinite or
+    # huge. Neither has a bar.
     drawn = (total > 0) & (total < 1e6)
     of_prior_names = set(of_prior(identification))
     from_prior = np.array([name in of_prior_names for name in names])
@@ -161,7 +168,8 @@ def draw_intervals(axis: Any, identification: Any) -> None:
             axis.barh(rows, total[rows] - start, 0.6, start, color=colour_of(joint), label=label)
     rows = np.flatnonzero(drawn & (noise > 0))
     if rows.size:
-        # How much of an interval is noise: the rest are tolerances of the rig.
+        # Each mark is the half-width from noise alone; tolerances of the rig account for the rest
+        # of the bar.
         axis.plot(noise[rows], rows, "|", color="black", markersize=9, label="noise alone")
     axis.set_xscale("log")
     axis.xaxis.set_major_formatter("{x:g}")
@@ -210,8 +218,8 @@ def plot_oscillation(oscillation: Any, ax: Any = None) -> NDArray[Any]:
 def _draw_spectrum(axis, signal, period, **style):
     """Draw the amplitudes of a signal (N, n), joints together, over frequency."""
     frequency, power = spectrum(signal, period)
-    # A line of one frequency has half of its amplitude on this side of the spectrum, and the
-    # window halves it again.
+    # A sine has half of its amplitude on this side of the spectrum, and the window halves that
+    # again: the factor 4 restores the amplitude.
     amplitude = np.sqrt(power.sum(axis=1)) * 4 / len(signal)
     axis.loglog(frequency[1:], amplitude[1:], **style)  # without the mean
     axis.set_xlabel("frequency [Hz]")

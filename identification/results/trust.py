@@ -145,7 +145,15 @@ def warnings_of(identification: Any) -> dict[str, bool]:
         statements = [*wrong_statements(dynamics, record)]
         for other in identification.records[1:]:
             statements += misread(other)
+    if statements and any(lines.values()):
+        lines = {_EFFECTS: False} | lines
     return dict.fromkeys(statements, True) | lines
+
+
+_EFFECTS = (
+    "the warnings below were found with the mistakes above still in the log, and may be their"
+    " effects. Correct the mistakes first, and identify again."
+)
 
 
 def of_statements(rig: Rig, records: Iterable[Record], chain: Chain) -> _Lines:

@@ -31,13 +31,13 @@ class Tolerances(Frozen):
     Parameters
     ----------
     gear : float
-        Of the gears, with counts per turn and lengths, relative.
+        Of the gears, relative; it includes the errors of counts per turn and of lengths.
     offset : float
-        Of a constant torque of each motor beside its friction, as a share of its torque in the log
-        (rms).
+        Of a constant torque that each motor has besides its friction, as a share of the rms torque
+        of that motor in the log.
     friction : float
-        Of viscous and Coulomb friction that is not unknown, as a share of the motor's torque in the
-        log (rms).
+        Of viscous and Coulomb friction that is not among the unknowns, as a share of the rms torque
+        of the motor in the log.
     lag : float
         Lag of the currents behind the commands [s].
     delay : float
@@ -106,7 +106,9 @@ _POSITIVE = re.compile(
     r"drive\.(viscous|coulomb|elasticity)|law\.gain|springs(\[\d+\])?\.stiffness"
 )
 
-# Relative to the stated number: a step below zero, and the least of a number that cannot be zero.
+# As a share of the stated number, or of 1 if that number is zero: the size of the negative value
+# that tests whether a part accepts negative numbers, and the least value of an unknown that cannot
+# be zero.
 _TINY = 1e-9
 
 
@@ -114,10 +116,11 @@ _TINY = 1e-9
 class Problem:
     """An identification problem: records, the names of the unknowns, their ranges, and options.
 
-    `dynamics`, `records`, `unknown`: as for `identify`; records of laws with a memory read their
-    log (`plant.AlongLog`), or repeat its torque. `objective`: objective (4) of these unknowns in
-    these records. `held_out`: the same in the validation records. `nominal` (k,): the values that
-    rig and law of the first record state; NaN for f. `ranges` (k, 2) or None. `zeros`: whether the
+    `dynamics`, `records`, `unknown`: as for `identify`; a law with a memory reads the log of its
+    record (`plant.AlongLog`), or the record repeats the logged torque. `objective`: objective (4)
+    of these unknowns in these records. `held_out`: objective (4) of them in the validation records.
+    `nominal` (k,): the values that rig and law of the first record state; NaN for the parameters f
+    of the dynamics. `ranges` (k, 2) or None. `zeros`: whether the
     zeros of each record's counters are unknown. `options`: sub-steps, sweeps and threads of the
     model. `tolerances`: standard deviations of the numbers of the rigs. `show`: called with the
     best cost after each generation. `memories`: the unknown state of each record's law before the
@@ -169,7 +172,7 @@ class Problem:
 
     @property
     def replays(self) -> list[bool]:
-        """Whether the law of each record repeats logged torques in place of a controller."""
+        """Whether the law of each record replays logged values in place of a controller."""
         return [record.law is not None and bool(record.law.replays) for record in self.records]
 
     @property
@@ -190,7 +193,10 @@ class Problem:
 
     @property
     def everywhere(self) -> Floats | None:
-        """Ranges (k, 2) of the problem, or else those of the dynamics; None if there are none."""
+        """Ranges (k, 2) of the problem; without them, those of the dynamics if only f is unknown.
+
+        None if neither exists.
+        """
         ranges = self.dynamics.ranges
         # The dynamics have ranges of f alone.
         if self.ranges is None and ranges is not None and self.unknown == self.dynamics.names:
@@ -199,14 +205,14 @@ class Problem:
 
     @property
     def known(self) -> Known:
-        """Unknowns that their range fixes, both ends being equal, name -> value; and the prior."""
+        """The unknowns whose range has two equal ends, name -> value; and the prior."""
         # Methods leave these numbers out of every fit.
         rows = () if self.ranges is None else zip(self.unknown, self.ranges.tolist(), strict=True)
         return Known({name: low for name, (low, high) in rows if low == high}, self.prior)
 
     @property
     def bounds(self) -> Floats:
-        """Ranges (k, 2), or the limits of physics where there are none."""
+        """Ranges (k, 2) of the problem, or, if it has none, the physical limits of each unknown."""
         if self.ranges is not None:
             return self.ranges
         low = [self._least(name) for name in self.unknown]
@@ -267,7 +273,8 @@ class Problem:
     def costs(self, vectors: Floats) -> Floats:
         """Objective (4) of vectors (P, k) with the cost of the prior [pulses^2].
 
-        The squares of a prior have unit variance; two roundings are the noise of objective (4).
+        The squares of the prior have unit variance. The noise of objective (4) has the variance of
+        two roundings, which therefore scales these squares to pulses^2.
         """
         costs = self.objective(vectors)
         if self.prior is None:
@@ -286,7 +293,7 @@ class Problem:
             law = law.law
         arm = self.dynamics.arm([named[name] for name in self.dynamics.names])
         rig = record.rig.filled(named)
-        # The loop of the log lies below the laws that come.
+        # If the law of the log is an inner loop, later laws run above it: it goes into the rig.
         if isinstance(law, InnerLoop):
             rig = dataclasses.replace(rig, inner=law)
         return arm, rig, law
@@ -313,10 +320,10 @@ def is_long(record: Record) -> bool:
 
 
 def parts_of(record: Record) -> list[slice]:
-    """Samples of the parts of a record, evenly spread where it moves; all of a short record.
+    """Return the samples of each part of a record; one slice of all samples if it is not replaced.
 
-    A part in which few counts change gives way to the part of its stretch, a twentieth of the
-    record, in which the most do.
+    The record is divided into `PARTS` stretches with one part each. The parts are evenly spread,
+    but a part with few count changes gives way to the part of its stretch with the most of them.
     """
     if not is_long(record):
         return [slice(0, len(record))]
@@ -344,7 +351,7 @@ def in_parts(record: Record) -> list[Record]:
     """The parts of a record as records; a short record as it is."""
     if not is_long(record):
         return [record]
-    # A cut ends before its second time; the last sample ends before infinity.
+    # `cut` leaves out the sample at its second time, so a cut up to infinity keeps the last sample.
     ends = np.append(record.t, np.inf)
     return [record.cut(ends[rows.start], ends[rows.stop]) for rows in parts_of(record)]
 
@@ -352,9 +359,9 @@ def in_parts(record: Record) -> list[Record]:
 def rows_of_parts(
     innovations: Floats | None, records: Sequence[Record], begin: int
 ) -> Floats | None:
-    """Rows of the parts, from rows (M,) of all samples and joints; `begin` rows precede them all.
+    """Select the innovations of the parts from those (M,) of all samples and joints.
 
-    The preceding rows, those of a prior, stay.
+    The first `begin` rows precede those of all records. They belong to a prior, and are kept.
     """
     if innovations is None:
         return None

@@ -23,8 +23,21 @@ from plant.checkup.undo import (
 from plant.laws.law import block_of
 from plant.parts.fields import Floats
 
-
 # -- sizes that the log itself suggests ------------------------------------------------------------
+# A factor nearer to one is within what rounding and an imperfect undo cause.
+_RELEVANT = 0.03
+
+# A scale so near to one is that of a gear; a farther one is that of a unit, which motion tells.
+_NEAR = 0.3
+
+# Scales that are tried beside that of the motion, in parts of the share of the speed that lags. The
+# torque tells a scale to about half of that share, so the steps are half as wide.
+_GRID = np.linspace(-1.5, 1.5, 13)
+
+# A loop that lags by a larger share shows no scale.
+_LAGS = 0.1
+
+
 def _ratios(numerator, denominator):
     """Regression (n,) of one table of columns on another; 1 where there is nothing."""
     power = (denominator**2).sum(axis=0)
@@ -37,19 +50,47 @@ def _speeds(experiment, name):
 
 
 def slopes(experiment: Experiment, joints: Joints) -> tuple[float, ...]:
-    """Speed of the counts over that of the reference: of a joint, or the median of all."""
-    if experiment.signals.reference is None:
-        return ()
-    reference = _speeds(experiment, "reference")
-    ratio = _ratios(_speeds(experiment, "counts"), reference)
-    # Beside a goal that rests the counts move by noise alone.
-    ratio[(reference**2).mean(axis=0) <= experiment.filter.speed_noise] = 1.0
-    return _positive(np.median(ratio[columns_of(joints)]))
+    """Scales of the counts to try: their speed over that of the reference, or near that."""
+    followed, lag = _following(experiment, joints)
+    return _scales(experiment, joints, followed, lag)
 
 
 def inverse_slopes(experiment: Experiment, joints: Joints) -> tuple[float, ...]:
-    """Speed of the reference over that of the counts."""
-    return tuple(1 / slope for slope in slopes(experiment, joints))
+    """Scales of the reference to try: its speed over that of the counts, or near that."""
+    followed, lag = _following(experiment, joints)
+    return _scales(experiment, joints, 1 / followed, lag)
+
+
+def _following(experiment, joints):
+    """Speed of the counts over that of the reference, and the share that this leaves.
+
+    Medians of several joints; 1 and 0 without a reference.
+    """
+    if experiment.signals.reference is None:
+        return 1.0, 0.0
+    reference, counts = _speeds(experiment, "reference"), _speeds(experiment, "counts")
+    ratio = _ratios(counts, reference)
+    power = (reference**2).mean(axis=0)
+    left = ((counts - ratio * reference) ** 2).mean(axis=0)
+    # Beside a goal that rests the counts move by noise alone.
+    moves = power > experiment.filter.speed_noise
+    ratio[~moves] = 1.0
+    lag = np.sqrt(np.divide(left, power, out=np.zeros_like(power), where=moves))
+    columns = columns_of(joints)
+    return float(np.median(ratio[columns])), float(np.median(lag[columns]))
+
+
+def _scales(experiment, joints, followed, lag):
+    """The scale that the motion shows, or a grid about it where a law knows better.
+
+    A loop that lags, or is soft, follows at another scale than one. The torque of a law shows the
+    scale far better, but only near the true one.
+    """
+    command = experiment.command
+    unlike = command is not None and (command[columns_of(joints)] > SETTINGS.unlike).any()
+    if not unlike or lag > _LAGS or abs(followed - 1) > _NEAR:
+        return _positive(followed)
+    return tuple(followed * (1 + lag * _GRID))
 
 
 def torque_ratios(experiment: Experiment, joints: Joints) -> tuple[float, ...]:
@@ -146,9 +187,6 @@ _AT_LIMIT = 0.02
 
 # Share of the commands beyond a limit that it cuts off, in a log whose counts may be late.
 _MOSTLY = 0.5
-
-# A factor nearer to one is within what rounding and an imperfect undo cause.
-_RELEVANT = 0.03
 
 
 DELAYS = (-2.0, -1.0, -0.5, 0.5, 1.0, 2.0, 3.0, 5.0, 8.0)

@@ -20,7 +20,7 @@ from plant.checkup.hypothesis import (
 )
 from plant.checkup.lost_rows import MOST, all_bridged, lost_rows, repeats_bridged
 from plant.checkup.oscillation import oscillation_findings
-from plant.checkup.quantisation import count_unit_findings, quantisation_findings
+from plant.checkup.quantisation import count_unit_findings, noisy, quantisation_findings
 from plant.checkup.rounding import rounding_findings
 from plant.checkup.score import Experiment
 from plant.checkup.signals import Signals
@@ -238,10 +238,11 @@ def _examined(record, hypotheses, labels):
     if ranked and all(finding.ok for finding in copied):
         # Counts that jump, stick or are cut off feign delays and scale errors.
         counts = [*counts_findings(signals, Signals(repeats_bridged(record, lost)))]
-        noisy = (signals.noise > signals.least_count).any()
         # Without a reference, torques in another unit make counts that seem to stick.
         spoils = _SPOILED if signals.reference is not None else _SPOILED[:-1]
-        spoiled = noisy or any(finding.check in spoils and not finding.ok for finding in counts)
+        spoiled = noisy(signals) or any(
+            finding.check in spoils and not finding.ok for finding in counts
+        )
         table = (*(SWITCHES if spoiled else TABLE), *hypotheses)
         result = ranked_causes(record, bridged, table, labels, SPOILED if spoiled else SELECTION)
     causes = list(cause_findings(result))

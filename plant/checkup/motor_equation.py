@@ -191,7 +191,7 @@ def _not_negative(squares):
     value, least = np.zeros(k), squares[-1, -1]
     # The solution is the ordinary fit of those columns whose coefficients are positive. Among all
     # sets of columns whose fit has no negative coefficient, it leaves the least residual.
-    for count in range(1, k + 1):
+    for count in range(k, 0, -1):
         for columns in map(list, itertools.combinations(range(k), count)):
             inner = squares[np.ix_(columns, columns)] + RIDGE * np.eye(count)
             target = squares[columns, -1]
@@ -200,6 +200,8 @@ def _not_negative(squares):
             if (coefficients >= 0).all() and residual < least:
                 value, least = np.zeros(k), residual
                 value[columns] = coefficients
+        if count == k and value.any():
+            return value, least  # all columns leave the least
     return value, least
 
 

@@ -230,6 +230,20 @@ def _densest(levels):
     return levels[begin : end[begin]] - levels[begin]
 
 
+def noisy(signals: Signals) -> bool:
+    """Whether the counts of any joint have more noise than their rounding and the arm explain."""
+    return bool((signals.noise > np.maximum(signals.least_count, _shaken(signals))).any())
+
+
+def _shaken(signals):
+    """Amplitude (n,) with which an arm may move to and fro between two samples [pulses].
+
+    Its acceleration changes sign from sample to sample: its fast loop stops and reverses it harder
+    than the samples of the log show.
+    """
+    return 2 * stopped(signals.rig, signals.interval) / np.pi**2
+
+
 def _noise(signals, i):
     """Noise of the counts [pulses]: the smaller of two estimates.
 
@@ -254,9 +268,6 @@ def _noise(signals, i):
         " interference."
     )
     look = SETTINGS.noise * step
-    # An acceleration of 30 rad/s^2 that changes sign from sample to sample moves an arm by this
-    # amplitude: its fast loop stops and reverses it harder than the log's samples show.
-    shaken = 2 * stopped(signals.rig, signals.interval)[i] / np.pi**2
-    if look < noise < shaken:
+    if look < noise < _shaken(signals)[i]:
         return check.unknown("the arm may move so between two samples", noise)
     return check.graded(noise, advice, look=look, wrong=10 * step)

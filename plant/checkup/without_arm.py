@@ -396,13 +396,14 @@ def _gain_units() -> Iterator[Hypothesis[Any]]:
     for gain, (units, own) in GAINS.items():
         for unit in units:
             for scope in (each_joint, several):
+                whose = "{joint}" if scope is each_joint else "all joints"
+                verb = "are" if gain == "gains" else "is"
                 yield Hypothesis(
                     name=f"unit of {gain}",
                     check="units of gains",
                     sentence=(
-                        f"The law's {gain} {'are' if gain == 'gains' else 'is'} {{value:.3g}} times"
-                        " what the log shows, the factor"
-                        f" between {unit.between}"
+                        f"The law's {gain} of {whose} {verb} {{value:.3g}} times what the log"
+                        f" shows, the factor between {unit.between}"
                     ),
                     remedy=f"State it in {own}.",
                     undo=other_gains(gain),
@@ -421,7 +422,8 @@ def _sizes() -> Iterator[Hypothesis[Any]]:
         yield Hypothesis(
             name="gain",
             check="units of torque",
-            sentence="The torque is {inverse:.3g} times the commanded one, as of another gain",
+            sentence=f"The torque of {whose} is {{inverse:.3g}} times the commanded one, as of"
+            " another gain",
             remedy="Check gain, motor gain and gear.",
             undo=other_gain,
             measurement=_BLOCKED,
@@ -432,7 +434,7 @@ def _sizes() -> Iterator[Hypothesis[Any]]:
         yield Hypothesis(
             name="torque scale",
             check="units of torque",
-            sentence="The torque is {value:.3g} times the commanded one",
+            sentence=f"The torque of {whose} is {{value:.3g}} times the commanded one",
             remedy="Check gain, motor gain and gear, or the driver's scale.",
             undo=rescaled_torque,
             measurement=_LOAD,
@@ -443,7 +445,7 @@ def _sizes() -> Iterator[Hypothesis[Any]]:
         yield Hypothesis(
             name="scale of counts",
             check="gear sign",
-            sentence="The counts move {value:.3g} times as far as the reference",
+            sentence=f"The counts of {whose} move {{value:.3g}} times as far as the reference",
             remedy="Check resolution, gear and units of both.",
             undo=scaled_counts,
             measurement=_RIGHT_ANGLE,
@@ -454,7 +456,7 @@ def _sizes() -> Iterator[Hypothesis[Any]]:
         yield Hypothesis(
             name="scale of reference",
             check="gear sign",
-            sentence="The reference moves {value:.3g} times as far as the counts",
+            sentence=f"The reference of {whose} moves {{value:.3g}} times as far as the counts",
             remedy="Check resolution, gear and units of both.",
             undo=scaled_reference,
             measurement=_RIGHT_ANGLE,
@@ -512,7 +514,8 @@ def _stated() -> Iterator[Hypothesis[Any]]:
         yield Hypothesis(
             name=title,
             check="units of torque" if name == "coulomb" else "viscous friction",
-            sentence=f"{title} is not the rig's, but {{value:.2g}} times the stated one",
+            sentence=f"{title} of {{joint}} is not the rig's, but {{value:.2g}} times the stated"
+            " one",
             remedy="Correct that if it was a guess.",
             undo=other_friction(name),
             measurement="Move at constant speeds: friction changes with the speed alone.",

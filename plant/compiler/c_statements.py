@@ -1,4 +1,6 @@
-"""casadi Function -> the statements of a C99 function, without a branch and without static memory.
+"""Translate a casadi Function into the statements of a C99 function.
+
+The statements contain no `if`, no loop and no static variable.
 
 The instructions are those of the compiled kernels (`plant.compiler.translate`,
 `plant.compiler.instructions`), rounded where casadi rounds.
@@ -16,14 +18,15 @@ from numpy.typing import NDArray
 from plant.compiler.instructions import STATE, TIME, UNIFORM, needed, rewritten
 from plant.compiler.translate import single_assignment
 
-# Strength of an expression: the stronger one needs no parentheses within the weaker; 0 is a choice.
+# Binding strength of an expression. An operand needs parentheses only if it is weaker than its
+# place requires. The weakest strength is 0, which the conditional operator ?: has.
 _SUM = 1
 _PRODUCT = 2
 _SIGNED = 3
 _WHOLE = 4
 
-# The spelling of an operation in C, its strength, and the strength that its arguments need. The
-# others are functions of its library, of the same name, and `_HELPERS`.
+# For each operation: its spelling in C, its strength, and the strength that each argument needs.
+# C calls any other operation by its name in lower case, in the C library or in `_HELPERS`.
 _SPELLING = {
     "ASSIGN": ("{}", 0, (0,)),
     "ADD": ("{} + {}", _SUM, (_SUM, _PRODUCT)),
@@ -52,7 +55,7 @@ _SPELLING = {
 
 _AGAIN = ("SQ", "LIMIT", "SINCOS")  # operations that write their last argument twice
 
-_LONG = 64  # characters from which on an expression gets a variable of its own
+_LONG = 64  # an expression with more characters gets a variable of its own
 
 _HELPERS = {
     "sign": (
@@ -92,7 +95,7 @@ def literal(value: float) -> str:
 
 # A name counts only where it is called, not where a longer name ends with it.
 def helpers(body: str) -> str:
-    """The functions that C has not and a body calls."""
+    """Return the C text of those `_HELPERS` that the C code `body` calls."""
     return "".join(text for name, text in _HELPERS.items() if re.search(rf"\b{name}\(", body))
 
 
@@ -102,13 +105,14 @@ def statements(
     """An SX Function in C: declarations by their kind, expressions of results, and inputs used.
 
     For each component of each input, `inputs` holds the C expression that reads it and its kind.
-    The declarations of UNIFORM, TIME and STATE stand in this order; the results are those of all
-    outputs, joined.
+    The dictionary lists the declarations of UNIFORM first, then those of TIME, then those of
+    STATE. The list of results joins the components of all outputs.
     """
     # Without other roundings than casadi's, C and the compiled step give the same bits.
     nodes, outputs = rewritten(*single_assignment(function, inputs), relaxed=False)
     order = needed(nodes, outputs)
-    # An expression that is needed twice gets a variable, also one that its text repeats.
+    # Count how often the C text uses each node. An operation in `_AGAIN` uses its last argument
+    # twice.
     uses = Counter(outputs)
     for index in order:
         op, of, _ = nodes[index]
@@ -131,7 +135,7 @@ def statements(
             # A sign or a cast binds weaker than a name.
             strength[index] = _SIGNED if text[index].startswith(("-", "(")) else _WHOLE
             continue
-        # By default a function of C's library, of the operation's name.
+        # An operation that `_SPELLING` lacks calls the C function of its name in lower case.
         call = f"{op.lower()}({', '.join(['{}'] * len(of))})", _WHOLE, [0] * len(of)
         pattern, strength[index], needs = _SPELLING.get(op, call)
         # Parentheses only where an operand binds weaker than its place requires.
@@ -140,9 +144,9 @@ def statements(
             for i, least in zip(of, needs, strict=True)
         ]
         text[index] = pattern.format(*parts)
-        # Long expressions are split, so that a reader and a compiler can follow.
+        # A repeated or long expression gets a variable, so that readers and compilers can follow.
         if uses[index] > 1 or len(text[index]) > _LONG:
-            # k stands for numbers, r for the reference, x for the state, each with a number.
+            # The name is k for UNIFORM, r for TIME or x for STATE, followed by a count.
             name = f"{'krx'[(UNIFORM, TIME, STATE).index(kind)]}{len(lines[kind]) + 1}"
             lines[kind].append(f"const double {name} = {text[index]};")
             text[index], strength[index] = name, _WHOLE
@@ -158,14 +162,13 @@ def comment(text: str, width: int = 116) -> str:
 
 
 def paragraph(text: str) -> str:
-    """Lines of a comment that has begun."""
+    """Return lines of text for a comment that an earlier line has opened."""
     # Without the marks of begin and end.
     return f" * {comment(text)[3:-3]}"
 
 
 def braced(values: NDArray[np.float64]) -> str:
-    # Short arrays stand in one line.
-    """Values of an array, on as many lines as they need."""
+    """Return the C initializer of an array: one line if it is short, or else several lines."""
     inner = "{" + ", ".join(literal(value) for value in values) + "}"
     if len(inner) < 70:
         return inner

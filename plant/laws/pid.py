@@ -24,7 +24,8 @@ from plant.parts.fields import Vector
 from plant.parts.part import number, part, structure
 from plant.parts.vector import Fields, per_joint
 
-# Gains of drives in SI units: of the position loop [1/s], of the speed loop per rad/s.
+# Factors that convert gains of drives to SI units: gains of the position loop to 1/s, gains of the
+# speed loop to torque or current per rad/s.
 _PER_SECOND = {"1/s": 1.0, "mm/min/um": 1000 / 60}
 _PER_RADIAN = {
     "N m s/rad": 1.0,
@@ -36,10 +37,10 @@ _PER_RADIAN = {
 
 @part
 class P(StatelessLaw):
-    """P control, the experiment's: motor torque proportional to the tracking error in pulses.
+    """P control of the experiment: motor torque proportional to the tracking error in pulses.
 
-    It is fast hardware (a counter and an amplifier), evaluated at every sub-step: sampled at the
-    0.7 ms of the log, the same loop would be unstable.
+    The law models fast hardware (a counter and an amplifier), so it is evaluated at every sub-step.
+    The same loop would be unstable if it were sampled every 0.7 ms, the period of the log.
 
     Parameters
     ----------
@@ -130,8 +131,8 @@ class PD(Law):
         self, rig: Rig, state: ca.SX, setpoint: Setpoint, pulses: ca.SX, torque: ca.SX, dt: ca.SX
     ) -> Step:
         """Tau = k (P e + D edot)."""
-        # Only the filter of the derivative remembers: a difference of raw counts would jump by a
-        # pulse per sample.
+        # The state holds only the memory of the derivative's filter. The law filters because a
+        # difference of raw counts jumps by whole pulses from sample to sample.
         memory = self.fields.read(state, rig.n).error
         motor, memory = self.motor_torque(setpoint.pulses - pulses, memory, dt, pulses)
         return rig.drive.joint_torque(motor), self.fields.write(rig.n, error=memory)
@@ -139,8 +140,9 @@ class PD(Law):
     def motor_torque(
         self, error: ca.SX, memory: Any, dt: ca.SX, pulses: ca.SX
     ) -> tuple[ca.SX, Any]:
-        """Motor torque (n,) [N m] for error and counts (n,) [pulses], and the filter's memory."""
-        # Of the error, a reference that speeds up is followed without delay.
+        """Return motor torque (n,) [N m] for error and counts (n,) [pulses], and the new memory."""
+        # The rate of the error includes the speed of the reference, so the torque responds to that
+        # speed directly. The rate of the counts does not include it.
         signal = error if self.derivative_of == "error" else -pulses
         rate, memory = filtered_difference(signal, memory, self.filter, dt)
         return self.gain * error + self.derivative * rate, memory
@@ -167,11 +169,13 @@ class PID(PD):
     derivative, filter, period, derivative_of
         As of `PD`.
     integration : {"backward", "forward", "tustin"}
-        With this sample, as above (Euler backward); u_k takes i_(k-1), the samples before (Euler
-        forward); or (e_k + e_(k-1)) / 2 in place of e_k (trapezoids), with e_(-1) = 0.
+        Rule of the integral. "backward" (Euler) is the rule above. With "forward" (Euler), u_k
+        takes i_(k-1) in place of i_k. With "tustin" (trapezoids), i_k takes (e_k + e_(k-1)) / 2 in
+        place of e_k, with e_(-1) = 0.
     anti_windup : {"back-calculation", "clamping", "limit", "none"}
-        The last term of i_k; or no integration while the torque is limited, but away from the
-        limit; or i_k clipped at the amplifier's limit; or nothing.
+        "back-calculation" is the last term of i_k; the other choices omit that term. "clamping"
+        stops the integration at the torque limit, unless the step leads away from that limit.
+        "limit" clips i_k at the amplifier's limit. "none" lets the integral wind up.
 
     See Also
     --------
@@ -238,7 +242,8 @@ class Cascade(Law):
        limit.
     5. u_k = speed w_k + i_k on the motor, limited by the amplifier and held until sample k + 1.
 
-    Nothing is fed forward, so in steady motion the error is the reference's speed over `position`.
+    The law feeds nothing forward. So in steady motion, below the amplifier's limit and with
+    `integral` above zero, the tracking error is the reference's speed divided by `position`.
     `from_drive` takes gains in the units of drives.
 
     Parameters
@@ -252,17 +257,19 @@ class Cascade(Law):
     filter : float, optional
         Pole of the first-order low-pass in front of the backward difference [rad/s].
     difference : int, optional
-        Samples over which the difference is taken, in place of the filter; such a cascade has a
-        period.
+        Number m of samples over which the difference is taken, in place of the filter. It requires
+        a `period`.
     period : float, optional
         Sampling period [s], the torque held in between. None: fast hardware, evaluated at every
         sub-step.
     integration : {"backward", "forward", "tustin"}
-        Step 4 with this sample, as above (Euler backward); u_k takes i_(k-1), the samples before
-        (Euler forward); or (w_k + w_(k-1)) / 2 in place of w_k (trapezoids), with w_(-1) = 0.
+        Rule of the integral. "backward" (Euler) is step 4 as above. With "forward" (Euler), u_k
+        takes i_(k-1) in place of i_k. With "tustin" (trapezoids), i_k takes (w_k + w_(k-1)) / 2 in
+        place of w_k, with w_(-1) = 0.
     anti_windup : {"back-calculation", "clamping", "limit", "none"}
-        The last term of step 4; or no integration while the torque is limited, but away from the
-        limit; or i_k clipped at the amplifier's limit; or nothing.
+        "back-calculation" is the last term of step 4; the other choices omit that term. "clamping"
+        stops the integration at the torque limit, unless the step leads away from that limit.
+        "limit" clips i_k at the amplifier's limit. "none" lets the integral wind up.
 
     See Also
     --------
@@ -341,7 +348,7 @@ class Cascade(Law):
         position_unit : {"1/s", "mm/min/um"}
             1 mm/min/um is 1000/60 1/s.
         speed_unit : {"N m s/rad", "A s/rad", "A/rpm", "N m/rpm"}
-            Per motor speed; currents become torque by the rig's motor gain.
+            Unit of `Kv`. The rig's motor gain converts a current [A] to a motor torque [N m].
         **fields
             Further fields of a cascade: filter or difference, period, integration, anti_windup.
 
@@ -372,7 +379,7 @@ class Cascade(Law):
     def equations(
         self, rig: Rig, state: ca.SX, setpoint: Setpoint, pulses: ca.SX, torque: ca.SX, dt: ca.SX
     ) -> Step:
-        """Tau = k (K_v (K_p e - pulses') + K_i (integral of the same))."""
+        """Tau = k (speed w + integral (time integral of w)), w = position e - pulses'."""
         before = self.fields.read(state, rig.n)
         if self.difference:
             rate, memory = difference(pulses, before.pulses, self.difference, dt)
@@ -384,15 +391,15 @@ class Cascade(Law):
         rule = Integral(self.integration, self.anti_windup)
         slope = self.integral * too_slow
         acting, stored = rule.step(before, slope, self.integral / self.speed, rig, torque, dt)
-        # The amplifier's limit is the rig's; the command is stored before it, for the anti-windup
-        # of the next step.
+        # The rig applies the amplifier's limit, not this law. The state stores the command without
+        # that limit, for the anti-windup of the next step.
         motor = self.speed * too_slow + acting
         following = self.fields.write(rig.n, pulses=memory, commanded=motor, **stored)
         return rig.drive.joint_torque(motor), following
 
 
 def variants(law: Law) -> dict[str, Law]:
-    """The other variants of a law with an integral, by the fields that differ; none of others."""
+    """Variants of a PID or Cascade that differ in one field, keyed by it; {} for another law."""
     if not isinstance(law, (PID, Cascade)):
         return {}
     others: dict[str, Law] = {}

@@ -30,9 +30,9 @@ from plant.parts.settings import frozen_settings
 
 MEASURED = ("position", "motor_position", "counts", "error_pulses")
 _PATH_FIELDS = ("reference_position", "reference_motor_position")
-# one number of a column
+# Fields of which a record keeps one number, and the function that takes it from the column.
 _NOTED: dict[str, Any] = {"temperature": np.nanmean, "time": lambda rows: rows[0]}
-_PARTIAL = ("link_position",)  # of some joints: None in place of the name of the column of others
+_PARTIAL = ("link_position",)  # the mapping gives None for each joint without such a column
 _FIELDS = (*UNITS, "valid", *_NOTED)
 
 
@@ -45,18 +45,21 @@ class StepSettings:
     min_levels : int
         Number of different positions that a column must have before its step is estimated.
     level_tolerance : float
-        Fraction of the median difference below which two positions are one level; fraction of a
-        step by which twice a position may differ from a multiple.
+        Two neighbouring positions are one level if they differ by no more than this fraction of the
+        median difference. The positions fit a step if twice the distance of each from the lowest
+        one is a multiple of the step, to within this fraction of the step.
     pulse_tolerance : float
-        Distance of the step from whole pulses [pulses] within which the rig's gear is confirmed.
+        The step confirms the rig's gear if it lies within this distance of a whole number of pulses
+        [pulses]. The steps of several joints differ if they spread by more than this fraction of
+        the smallest.
     max_ratio : float
-        Largest ratio of step and pulse, in either direction, that another gear explains.
+        Another gear may explain a step only if step and pulse differ by less than this factor.
     decimal_tolerance : float
-        Distance of the step's decimal logarithm from an integer, in rad or deg, within which the
-        step is that of a rounded decimal.
+        The step comes from rounded decimals if its decimal logarithm lies within this distance of
+        an integer, in the logged unit or after a conversion between rad and deg.
     min_normalised : float
-        Largest position from which on all of them may be percentages of a range; radians stay
-        below.
+        The positions may be percentages of a range if the largest magnitude exceeds this number.
+        Positions in radians stay below it.
     """
 
     min_levels: int = 50
@@ -71,7 +74,7 @@ STEPS = StepSettings()
 
 
 def mapped_names(columns: Mapping[str, Any], units: Mapping[str, Stated] | None) -> list[str]:
-    """Validate a mapping and its units; names of the table's columns that it needs, in order."""
+    """Validate a mapping and its units; return the names of the columns that it needs, in order."""
     advice = 'Give columns={"t": "time", "position": ["q1", "q2"], ...}.'
     instance("columns", columns, dict, advice)
     turned = [field for field in columns.values() if isinstance(field, str) and field in _FIELDS]
@@ -146,7 +149,8 @@ def record_fields(
     measured = next(field for field in MEASURED if field in values)
     if wrap is not None:
         values[measured] = _unwrapped(values[measured], wrap, rig.joint_labels)
-    # The wrap is in the logged unit, so it comes before the constants of that unit.
+    # The wrap is stated in the logged unit, so values are unwrapped before the constants of that
+    # unit are applied.
     values = {
         field: of_fields[field].converted(value) if field in of_fields else value
         for field, value in values.items()
@@ -154,8 +158,8 @@ def record_fields(
     fields = {"t": t, "valid": valid, "notes": notes}
     for field in values.keys() - {"valid"}:
         fields |= converted(field, values[field], stated[field], rig)
-    # A step of the positions that is no whole pulse points to another gear or resolution than the
-    # rig's; the checkup reads this note.
+    # If the step of the positions is not a whole number of pulses, the log may come from another
+    # gear or resolution than the rig's. A note keeps that step for the checkup.
     if measured.endswith("position") and stated[measured] != "pulses":
         notes |= _own_steps(measured, values[measured], stated[measured], rig)
     if (
@@ -176,7 +180,7 @@ def record_fields(
     commanded = fields.get("reference_pulses")
     if commanded is None and reference is not None:
         commanded = fields["reference_pulses"] = rig.counts(reference(t).q)
-    # Error = reference - counts; a record without a reference has zeros in its place.
+    # The error is the reference minus the counts. A missing reference counts as zero.
     if counts is not None:
         fields["error_pulses"] = -counts if commanded is None else commanded - counts
     elif commanded is None:
@@ -188,9 +192,10 @@ def record_fields(
 
 
 def _without_torque_delay(values, samples):
-    """Torques and currents (N, n) at the rows whose counts they acted on.
+    """Torques and currents (N, n), moved up to the rows whose counts they acted on.
 
-    The rows at the end that have none become NaN, and lose their weight.
+    The last rows have no torque or current then: they get NaN, for which `_held` removes their
+    weight. Without a delay the result is empty.
     """
     fields = [name for name in ("torque", "current") if name in values]
     whole("torque_delay", samples, "Give the samples by which the column is late.", least=0)
@@ -271,7 +276,11 @@ def _in_time(values, stated, rig):
 
 
 def _held(values, labels):
-    """Values with each NaN replaced by the previous number, and zero weights of such rows."""
+    """Values whose gaps (NaN) repeat the previous number, and the weights of all rows.
+
+    A gap before the first number gets the first number. A row with a gap has weight zero. The
+    column of a joint without a link encoder stays NaN.
+    """
     weight = np.asarray(values.get("valid", np.ones(len(next(iter(values.values()))))), float)
     valid = np.where(np.isnan(weight), 0.0, weight)
     held = {}
@@ -334,7 +343,8 @@ def _own_steps(field: str, value: Floats, unit: Unit, rig: Rig) -> dict[str, flo
         return {}
     to_pulses = rig.encoder.position_in_pulses if "motor" in field else rig.position_in_pulses
     steps = np.array([_clean_step(column) for column in value.T])
-    # Pulses of each joint's own motor per unit of the logged position.
+    # The step of each joint in pulses of its own motor: the logged step times the pulses per logged
+    # unit.
     pulses = steps * np.abs(np.diagonal(to_pulses(np.eye(rig.n) * factors(unit))))
     # A step of 10**-k, as logged or after a conversion between rad and deg, comes from printed
     # decimals and tells nothing about the encoder.
@@ -354,14 +364,18 @@ def _own_steps(field: str, value: Floats, unit: Unit, rig: Rig) -> dict[str, flo
 
 
 def _clean_step(value: Floats) -> float:
-    """The step of which all differences of values (N,) are multiples; 0 where there is none."""
+    """The step of values (N,): all their differences are multiples of half of it.
+
+    The step is 0 if no step fits, or if there are fewer than `STEPS.min_levels` different values.
+    """
     levels = np.unique(value[np.isfinite(value)])
     if len(levels) < STEPS.min_levels:
         return 0.0
     apart = np.diff(levels)
     # the rest is one level, written in other last digits
     apart = apart[apart > STEPS.level_tolerance * np.median(apart)]
-    # The cell at zero of `fix` is two wide: its neighbours' centres are half a step further.
+    # An encoder that rounds towards zero (`fix`) has a cell at zero that is two steps wide, so the
+    # centres of the neighbouring cells are half a step further away.
     halves = np.round(2 * apart / apart.min())
     step = float(2 * apart.sum() / halves.sum())
     # Distances are doubled, since the levels beside zero are half a step further away.

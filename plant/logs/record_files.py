@@ -19,7 +19,7 @@ from plant.motion.table import Held
 from plant.parts.arguments import instance, known_options
 from plant.parts.mcap_file import McapFile, joint_topics
 
-# Signal of a record -> fields of a mapping from which it is made.
+# Signal of a record -> fields of a mapping, under other names, from which the signal can be made.
 SOURCES = {
     "counts": ("position", "motor_position", "error_pulses"),
     "error": ("error_pulses", "position", "motor_position", "counts"),
@@ -39,11 +39,11 @@ class FromFiles:
         record_csv.write(self, path)
 
     def to_mcap(self, path: str | Path) -> None:
-        """Write an MCAP file for Foxglove, PlotJuggler and Rerun, from time 0: joints in rad and N
-        m, and all columns.
+        """Write an MCAP file for Foxglove, PlotJuggler and Rerun, with times that start at 0.
 
-        ``/joint_states`` has what was measured, ``/reference`` what was commanded, and ``/sample``
-        this record's own columns. Of an evaluation, write its ``record``.
+        ``/joint_states`` has the measured joints in rad and N m, ``/reference`` has the commanded
+        joints in rad, and ``/sample`` has all columns of this record. To export an evaluation, call
+        this method of its ``record``.
         """
         record: Any = self
         # MCAP has times in whole nanoseconds.
@@ -85,18 +85,19 @@ class FromFiles:
         held: bool = False,
         torque_delay: int = 0,
     ) -> Self:
-        """Read what `to_csv` wrote, a plain CSV of t [s], n reference and n error columns [pulses],
-        or a log of others.
+        """Read a file of `to_csv`, a plain CSV, or, with `columns`, a CSV log of another program.
+
+        A plain CSV has one column t [s], n columns of the reference and n of the error [pulses].
 
         Parameters
         ----------
         path : str or Path
         rig, law, reference, initial : optional
             As in `Record`. A plain file needs rig and law; without a reference the logged counts
-            are replayed. With a file of `to_csv` they replace what the file says.
+            are replayed. With a file of `to_csv`, these arguments replace what the file says.
         columns : dict, optional
-            With it, the file is a table of named columns, which this maps to the fields of a
-            record; `from_table` says how, and what `units` and `wrap` are.
+            Map of the fields of a record to named columns of the file. `from_table` describes this
+            map, `units` and `wrap`.
         prefix : str
             What the names of the mapped columns begin with in the file, as in ``run_07/``.
         held : bool
@@ -134,7 +135,7 @@ class FromFiles:
                 "units, wrap, prefix and torque_delay are for mapped columns; got no mapping. Pass"
                 " columns= as well."
             )
-        # Refusals of `Record` belong to the file as well, so it is made inside.
+        # The record is made inside `load_errors`, since its refusals concern the file as well.
         with load_errors(path):
             # In place of what the file states: a user who passes a rig means this one.
             fields = record_csv.read(path, rig=rig, law=law, reference=reference, initial=initial)
@@ -200,9 +201,9 @@ class FromFiles:
         """Read mapped columns of a log in any format that `read_table` knows by its ending, or a
         folder's contents.
 
-        Without `columns` it prints what the file holds, with a mapping to begin with, and returns
-        that as a `LogContents`; of a file of `to_csv` it returns the record. Of messages, columns
-        of other topics than the measured one hold their last value.
+        Without `columns`, it returns the record of a file of `to_csv`. For any other file it prints
+        the contents, with a mapping to begin with, and returns them as a `LogContents`. In a log of
+        messages, columns of topics other than the measured one hold their last value.
 
         Parameters
         ----------
@@ -220,9 +221,9 @@ class FromFiles:
             A file that cannot be read, or that does not hold what is mapped.
         """
         if columns is None:
-            # Its header states rig and law, so no mapping is needed.
+            # The header of a file of `to_csv` states rig and law, so no mapping is needed.
             if record_csv.is_own(path):
-                # It refuses what it has no use for.
+                # `from_csv` refuses units, wrap, prefix and torque_delay; episode is ignored.
                 return cls.from_csv(
                     path,
                     rig=rig,
@@ -297,7 +298,7 @@ class FromFiles:
         ----------
         table : dict of str to (N,) or (N, n) array_like
         rig : Rig
-            Its gear and resolution turn angles into counts, its period is held against the times.
+            Its gear and resolution turn angles into counts. Its period is compared with the times.
         columns : dict
             Field of the record -> name of its column, or names, one per joint. Exactly one of
             ``position`` (joint angles), ``motor_position``, ``counts`` and ``error_pulses``, and
@@ -345,7 +346,7 @@ class FromFiles:
             "initial": initial,
             "name": name,
         }
-        # Tuples: records compare and hash their mapping, which lists do not allow.
+        # Lists become tuples: records hash their mapping, and a list has no hash.
         arguments["columns"] = {
             key: value if isinstance(value, str) else tuple(value) for key, value in columns.items()
         }
@@ -367,7 +368,7 @@ class FromFiles:
 
 
 def _with_goals_held(record: Any) -> Any:
-    """The record whose commanded counts (N, n) are goals that hold from row to row."""
+    """The same record with a `Held` reference, made of its commanded counts (N, n)."""
     # A path beside held goals would contradict them between two rows.
     if record.reference is not None and not record.reference.held:
         kind = type(record.reference).__name__

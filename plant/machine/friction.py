@@ -1,33 +1,37 @@
 """Coulomb friction as a set-valued law with true stiction, by impulses.
 
-In a step of length h the friction impulse of joint i lies within +-C_i h: it is the one that stops
-the joint, or, if that is too large, the largest one against the motion. There is no branch, no
-regularisation and no creep: sweeps over the joints (projected Gauss-Seidel) start from the impulse
-of the last step, so that an arm at rest stays held by the friction that held it.
-Source: paper Fig. 4 (static friction); the law is Coulomb's, with equal static and sliding level.
+In a step of length h, the friction impulse of joint i lies within +-C_i h, where C_i is the Coulomb
+level of the joint. It is the impulse that stops the joint or, if that one is too large, the largest
+impulse against the motion. There is no branch, no regularisation and no creep: sweeps over the
+joints (projected Gauss-Seidel) start from the impulse of the last step, so that an arm at rest
+stays held by the friction that held it. Source: paper Fig. 4 (static friction). Coulomb's law has
+equal static and sliding levels; a `FrictionCurve` may add a breakaway level.
 
-Presliding friction is that of bristles that bend before they slide. Sources: Dahl (1968); Canudas
-de Wit et al. (1995), LuGre. Their deflection r, in units of the presliding distance d, follows
-dr/dt = (v - abs(v) r) / d with the speed v; friction is level r + damping d dr/dt. So it rises with
-the path as 1 - exp(-path / d), from a stiffness of level / d, and is Coulomb's in the limit of no
-distance. (LuGre's bristles have one stiffness at every level; these have one distance. Where the
-level is constant the two are the same.) In a sub-step they bend with the speed at its start for the
-first half, and with that at its end for the second; the speed at the end is the one that their
-friction leaves, in closed form for each joint, in sweeps as above. That is stable for any distance.
-The step itself damps the bristles like a damping of stiffness h / 2, so only what a stated damping
-has beyond that is added.
+Presliding friction is that of bristles that bend before they slide. The deflection r of the
+bristles, in units of the presliding distance d, follows dr/dt = (v - abs(v) r) / d with the speed
+v. The friction is level r + damping d dr/dt. Without damping it rises from zero with the path as
+1 - exp(-path / d), at first with the stiffness level / d; in the limit of zero distance it is
+Coulomb friction. Sources: Dahl (1968); Canudas de Wit et al. (1995), LuGre. (The bristles of LuGre
+have one stiffness at every level; the bristles of this module have one distance. Where the level is
+constant, the two models are the same.) In the first half of a sub-step the bristles bend with the
+speed at the start of the sub-step, and in the second half with the speed at its end. The speed at
+the end is the speed that the friction of the bristles leaves; it is found in closed form for each
+joint, in sweeps over the joints as above. This method is stable for any distance. The step itself
+damps the bristles as a damping of (stiffness times h / 2) would, so only the part of a stated
+damping that exceeds this value is added.
 
 Viscous friction that saturates follows H. Eyring, Viscosity, plasticity, and diffusion as examples
-of absolute reaction rates, Journal of Chemical Physics 4, 1936: of seven curves with one number
-more than proportional friction it predicted blocks of a real six-axis log that were kept aside
-best, with a logarithm alone (arsinh 31 % less squared error than in proportion, arctan 29, tanh
-27, v / (1 + v) 26).
+of absolute reaction rates, Journal of Chemical Physics 4, 1936. Seven curves with one parameter
+more than proportional friction were compared on blocks of a real six-axis log that the fit had not
+used. Eyring's curve and a logarithm alone predicted these blocks best. (The squared error is less
+than with proportional friction by 31 % for arsinh, 29 % for arctan, 27 % for tanh, and 26 % for
+v / (1 + v).)
 
-Coulomb friction that rises with speed: near a reversal the torques of real geared joints show less
-friction than sign(speed) has, while they brake as well as while they accelerate, so it is no
-presliding. Of seven curves with one number more, v / (v + rise) explained blocks of a UR10 and of a
-TX40 that were kept aside best or as well as any other (42 and 14 % less squared error; tanh 41 and
-11, 1 - exp 43 and 12).
+Coulomb friction may rise with speed: near a reversal, the torques of real geared joints show less
+friction than a constant level times sign(speed). They do so while the joints brake as well as while
+they accelerate, so presliding is not the cause. Seven curves with one parameter more were compared
+on blocks of a UR10 and of a TX40 that the fit had not used. v / (v + rise) was best or within one
+percentage point of the best (42 and 14 % less squared error; tanh 41 and 11, 1 - exp 43 and 12).
 """
 
 from typing import Any, NamedTuple, Self
@@ -133,18 +137,20 @@ class FrictionCurve(Part):
         )
 
     def risen(self, coulomb: ArrayOrSymbols, qd_m: ArrayOrSymbols) -> ArrayOrSymbols:
-        """Coulomb level [N m] at motor speeds [rad/s], of that at high speed."""
+        """Coulomb level [N m] at motor speeds [rad/s]; `coulomb` is the level at high speed."""
         if self.rise is None:
             return coulomb
         absolute = np.abs if isinstance(qd_m, (np.ndarray, float)) else ca.fabs
-        # Where nothing rises, 0 / 0 at rest is 1, and the level Coulomb's to the last bit.
+        # The added speed makes the quotient 1 instead of 0 / 0 at rest where `rise` is zero, so
+        # that the level is exactly `coulomb` there.
         speed = absolute(qd_m) + _AT_REST
         return coulomb * (speed / (speed + self.rise))
 
     def coefficient(self, viscous: ArrayOrSymbols, qd_m: ArrayOrSymbols) -> ArrayOrSymbols:
-        """Viscous friction per speed [N m s/rad] at motor speeds [rad/s], of that at low speed.
+        """Viscous torque per speed [N m s/rad] at motor speeds [rad/s].
 
-        A secant, not a slope: times the speed it is the torque, at any speed.
+        `viscous` is the coefficient at low speed. The result is a secant, not a slope: the product
+        of it and the speed is the torque, at any speed.
         """
         numeric = isinstance(qd_m, (np.ndarray, float))
         if self.viscous_offset is not None:
@@ -161,9 +167,10 @@ class FrictionCurve(Part):
 def friction_impulse(inverse: Inverse, stopping: SX, impulse: SX, bound: SX, sweeps: int) -> SX:
     """Friction impulse (n, 1) of one step [N m s], from that of the previous step by sweeps.
 
-    `inverse` is of the inertia matrix [kg m^2], joint side; `stopping` would stop joint i if
-    friction acted on it alone: -inverse.alone qd, the velocity that of the end without Coulomb
-    friction; `bound` is the Coulomb level times step.
+    `inverse` is the inverse of the inertia matrix [kg m^2], joint side. Entry i of `stopping` is
+    the impulse that would stop joint i if friction acted on no other joint: -inverse.alone qd,
+    where qd is the velocity at the end of the step without Coulomb friction. `bound` is the Coulomb
+    level times the length of the step.
     """
     impulses = ca.vertsplit(impulse)
     # A level below zero would turn the interval around.
@@ -190,7 +197,7 @@ def smooth_impulse(inverse: Inverse, stopping: SX, bound: SX) -> SX:
     return -bound * ca.tanh(qd / REGULARISATION)
 
 
-# Makes 0 / 0 zero, and is lost in any other denominator.
+# Least denominator of a quotient: it makes 0 / 0 zero, and leaves larger denominators unchanged.
 _TINY = 1e-300
 
 
@@ -201,9 +208,10 @@ class Presliding(Part):
     Parameters
     ----------
     distance : (n,) array_like
-        Of the motor [rad]: Coulomb level over the stiffness of the bristles. After this way from
-        rest friction is at 63 % of its level. Zero is Coulomb friction.
-        ``encoder.to_angle(pulses)`` is that of so many pulses.
+        Presliding distance of the motor [rad]: the Coulomb level divided by the stiffness of the
+        bristles. After a motion over this distance, from unbent bristles, the friction is at 63 %
+        of its level. Zero means Coulomb friction. ``encoder.to_angle(pulses)`` gives the distance
+        for a number of pulses.
     damping : (n,) array_like, optional
         Micro-damping, torque per speed of the bristles [N m s/rad]; none by default.
 
@@ -265,9 +273,11 @@ def bristle_impulse(
 ) -> tuple[SX, SX]:
     """Presliding friction impulse (n, 1) of one step [N m s], and the deflection (n, 1) at its end.
 
-    The bristles are those of the middle of the step, of length h [s]. Of a joint alone, with x its
-    momentum at the end, m what it would be if the friction of the middle stayed, and D the momentum
-    with which it goes the distance in half a step: x^2 + (D - m + damped (1 - r)) x - D m = 0.
+    `bristles` is their state in the middle of the step, whose length is h [s]. For a joint alone
+    that moves forwards, let r be this deflection, x the momentum at the end of the step, m the
+    momentum there if the friction of the middle stayed, and D the momentum with which the joint
+    travels the presliding distance in half a step. Then, with ``damped = bristles.damped(bound)``,
+    x^2 + (D - m + damped (1 - r)) x - D m = 0.
     """
     # In units of momentum: `distance` is D of the docstring, the momentum with which the joint goes
     # the presliding distance in half a step.
@@ -280,8 +290,9 @@ def bristle_impulse(
     for _ in range(sweeps):
         for i in range(len(impulses)):
             wanted = _stopping_impulse(inverse, stopping, impulses, i)
-            # m, with its sign, is the momentum that remains if the bristles do not bend any
-            # further. The joint moves that way, so the equation is solved for a positive momentum.
+            # `free` is m with its sign: the momentum that remains if the bristles bend no further.
+            # The joint moves in the direction of `free`, so the equation is solved for the
+            # momentum in this direction, which is not negative.
             free = -(wanted + bound[i] * deflection[i])
             forwards = ca.sign(free)
             m = ca.fabs(free)
@@ -303,9 +314,10 @@ def smooth_bristle_impulse(
 ) -> tuple[SX, SX]:
     """Friction impulse and deflection (n, 1) of a differentiable step, from bristles at its start.
 
-    Every joint by itself, linear in the change of its speed, and bent at the speed of the end all
-    along: of first order, with a limit for h to 0, and at rest where Coulomb friction is, also if
-    the bristles are stiff for the step.
+    Each joint is treated alone. Its bristles bend with the speed at the end of the step for the
+    whole step, in an equation that is linear in the change of this speed. The step is of first
+    order, and has a limit as h goes to 0. It holds a joint at rest where Coulomb friction holds it,
+    even if the bristles are stiff for the length of the step.
     """
     holding = bound * bristles.deflection
     # Speed at the end, if the friction at the start stayed: joints alone, no sweeps, so that the

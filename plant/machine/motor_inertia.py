@@ -1,9 +1,9 @@
-"""Lower bound of the inertia matrix: D(q) must exceed the reflected rotor inertias at every pose.
+"""Lower bound of the inertia matrix: D(q) must not fall below the least reflected rotor inertias.
 
-A candidate for f may track well and still have a D that is nearly singular off the path; no
-computed torque built on it is stable. So D(q) - diag(Jm_min k^2) has to be positive semidefinite
-for all q, with Jm_min the smallest rotor inertia of such a motor (of coupled motors: D seen from
-their shafts).
+A candidate for f may track well although its D is nearly singular away from the path. A
+computed-torque law that is built on such a D can be unstable. So D(q) - diag(Jm_min k^2) must be
+positive semidefinite at every q. Jm_min is the least rotor inertia that a motor of this kind can
+have, and k is the gear ratio. For coupled motors, D is the inertia matrix seen from their shafts.
 """
 
 import functools
@@ -22,7 +22,7 @@ from plant.mechanics.symmetric_inverse import eliminated
 from plant.parts.fields import Floats
 from plant.parts.settings import frozen_settings
 
-# jm_min over the drive's motor inertia. Source: paper 3.6, 1e-4 of 2e-4 kg m^2.
+# Ratio of Jm_min to the drive's motor inertia. Source: paper 3.6 (1e-4 kg m^2 / 2e-4 kg m^2).
 LEAST_MOTOR_INERTIA = 0.5
 
 
@@ -33,8 +33,8 @@ class PoseSettings:
     Parameters
     ----------
     grid : int
-        Poses of one turn if D depends on one joint alone. Between two of 360 D changes by less than
-        4e-5 of its range.
+        Number of poses in one turn, if D depends on one joint alone. With 360 poses, the grid
+        misses an extreme of cos(q) by less than 4e-5 of its amplitude.
     scattered : int
         Poses of a Sobol sequence if D depends on several joints; chosen by hand.
     batch : int
@@ -50,14 +50,15 @@ SETTINGS = PoseSettings()
 
 
 def least_inertia_margin(dynamics: Dynamics, rig: Rig, f: ArrayLike) -> Floats:
-    """Smallest pivot (P,) [kg m^2] of D(q) - diag(Jm_min k^2) over all q, per candidate f (P, p).
+    """Smallest pivot (P,) [kg m^2] of D(q) - diag(Jm_min k^2), for each candidate f (P, p).
 
-    Negative where the matrix is indefinite somewhere.
+    The search covers the poses of `SETTINGS`, not every q. The result is negative if the matrix is
+    indefinite at one of these poses.
     """
     f = np.asarray(f, dtype=float)
     kernel, poses = _smallest_pivot(dynamics, rig.drive.coupling)
     least = rig.drive.reflected_inertia(LEAST_MOTOR_INERTIA * rig.drive.motor_inertia)
-    # One row per number, one column per candidate, as the kernel takes them.
+    # The kernel takes one column per candidate: first its n values of least, then its p of f.
     candidates = np.vstack([np.repeat(least[:, None], len(f), axis=1), f.T])
     margins = np.empty(len(f))
     size = max(1, SETTINGS.batch // poses.shape[1])
@@ -68,7 +69,10 @@ def least_inertia_margin(dynamics: Dynamics, rig: Rig, f: ArrayLike) -> Floats:
 
 
 def shaft_inertias(dynamics: Dynamics, rig: Rig, q: ArrayLike) -> Floats:
-    """Diagonal (p, n) of D on the motors' shafts at a pose q (n,), for each parameter alone."""
+    """Diagonals (p, n) of D seen from the motors' shafts at a pose q (n,).
+
+    Row k is the diagonal for parameter k of f equal to 1 and all others equal to 0.
+    """
     # D is linear in f: the unit vectors of f give the share of each parameter.
     coupling = rig.drive.coupling
     matrices = [coupling.shaft_inertia(dynamics.D(q, unit)) for unit in np.eye(dynamics.p)]
@@ -77,17 +81,17 @@ def shaft_inertias(dynamics: Dynamics, rig: Rig, q: ArrayLike) -> Floats:
 
 def rotors_alone(dynamics: Dynamics) -> dict[int, int]:
     """Link -> index of the parameter that is the inertia of its rotor and nothing else."""
-    # A parameter that is made of one standard parameter alone, J.
+    # The row of such a parameter has one nonzero entry, at the standard parameter J of the link.
     rows = [(k, np.flatnonzero(row)) for k, row in enumerate(np.array(dynamics.lumping.matrix))]
     single = [(k, *divmod(int(places[0]), len(STANDARD))) for k, places in rows if len(places) == 1]
     return {link: k for k, link, kind in single if STANDARD[kind] == "J"}
 
 
 def require_inertia(arm: Arm, rig: Rig) -> None:
-    """Refuse an arm whose inertia matrix falls below the motors' own."""
+    """Raise ValueError if D(q) of the arm falls below diag(Jm_min k^2) at a checked pose."""
     rig.require_fit(arm.dynamics.chain)
     margin = least_inertia_margin(arm.dynamics, rig, arm.f[None])[0]
-    # Also refuses a margin that is not a number.
+    # The form `not margin >= 0` also refuses a margin that is not a number.
     if not margin >= 0:
         raise ValueError(
             "D(q) must exceed the motors' own inertia diag(Jm_min k^2), Jm_min ="
@@ -105,12 +109,13 @@ def _smallest_pivot(dynamics: Dynamics, coupling: Coupling) -> tuple[MapKernel, 
     least = ca.SX.sym("least", n)
     f = ca.SX.sym("f", dynamics.p)
     _, pivots = eliminated(coupling.shaft_inertia(dynamics.D(q, f)) - ca.diag(least))
-    # A pivot after one that is not positive means nothing, so the first bad one decides.
+    # The pivots after one that is not positive have no meaning, so the first such pivot decides. A
+    # zero pivot before the last one counts as negative.
     smallest = pivots[n - 1]
     for i in reversed(range(n - 1)):
         pivot = pivots[i]
         smallest = ca.if_else(pivot > 0, ca.fmin(pivot, smallest), ca.fmin(pivot, -1e-300))
-    # Only joints on which D depends need poses; the first joint of a chain never does.
+    # Only joints on which D depends need poses. D never depends on the first joint of a chain.
     joints = np.flatnonzero(ca.which_depends(ca.vec(dynamics.D(q, f)), q, 1, False))
     angles = np.zeros((1, n))
     if len(joints) == 1:
@@ -118,7 +123,7 @@ def _smallest_pivot(dynamics: Dynamics, coupling: Coupling) -> tuple[MapKernel, 
         angles = np.zeros((count, n))
         angles[:, joints[0]] = np.arange(count) * (2 * np.pi / count)
     elif len(joints):
-        from scipy.stats import qmc  # a third of a second, which the paper's arm does not need
+        from scipy.stats import qmc  # takes 0.3 s to import; the paper's arm does not need it
 
         count = SETTINGS.scattered
         angles = np.zeros((count, n))

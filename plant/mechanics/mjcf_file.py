@@ -1,4 +1,4 @@
-"""Bodies and joints of an MJCF file: a subset of the format; other elements are refused by name."""
+"""Read the bodies and joints of an MJCF file. The reader supports a subset of the format."""
 
 import dataclasses
 import itertools
@@ -18,8 +18,8 @@ from plant.parts.fields import Floats
 # Indices in `Body.inertia` of the entries of ``fullinertia``: Ixx Iyy Izz Ixy Ixz Iyz.
 FULL = (0, 3, 5, 1, 2, 4)
 
-# Sections of <mujoco> that only draw, control or watch, or are read elsewhere: what they hold acts
-# on no chain.
+# Sections that <mujoco> may have. This module or others read some of them. The remaining sections
+# only draw, control or watch, and do not act on a chain.
 _TOP = (
     "actuator",
     "asset",
@@ -105,8 +105,9 @@ def read_mjcf(path: str | Path) -> ModelFile:
 def _include(element: Element, path: Path, folder: Path, seen: set[Path]) -> None:
     """Replace each <include> by the elements of the file that it names.
 
-    As in MuJoCo a name is relative to the file at `path`, or else to that of the <include>. One
-    that is missing stays where it cannot change the rest of the file.
+    As in MuJoCo, a name is relative to the folder of `path`, or else to `folder`, which holds the
+    file with the <include>. The function refuses a missing file at the top level of a file and in
+    <default>. Elsewhere the <include> of a missing file stays in the tree.
     """
     children: list[Element] = []
     for child in element.children:
@@ -119,7 +120,7 @@ def _include(element: Element, path: Path, folder: Path, seen: set[Path]) -> Non
         places = [place / name for place in (path.parent, folder) if name]
         included = next((place for place in places if place.is_file()), None)
         if included is None:
-            # On top it may hold settings and classes of everything.
+            # At this level the missing file may hold settings or classes of the whole model.
             if element.tag in ("mujoco", "mujocoinclude", "default"):
                 raise ValueError(
                     f"<include> must name a file that is there; {path.parent / name} is not. Put it"
@@ -174,7 +175,7 @@ class _Reader:
         self.from_geoms = False
         self.balance = False
         self.least_mass = self.least_inertia = 0.0
-        # Of a class the attributes of its joints, and of its actuators.
+        # For each default class: the attributes of its joints, and those of its actuators.
         self.defaults: dict[str, dict[str, str]] = {"main": {}}
         self.actuator_defaults: dict[str, dict[str, str]] = {"main": {}}
         # The bodies of sites and geoms, at which tendons and constraints act.
@@ -267,7 +268,7 @@ class _Reader:
         # A body moves once any joint lies between it and the world.
         moves = inside.moves or bool(joints)
         parent = inside.parent
-        # Several joints turn one after the other: between them are frames without mass, at the
+        # Several joints of one body form a series. Bodies without mass lie between them, at the
         # place of the body.
         for joint_element in joints:
             joint = self._joint(joint_element, name, parent, origin, inherited)
@@ -322,7 +323,8 @@ class _Reader:
             axis=np.eye(3)[2],
             element=element,
         )
-        # A chain that holds the joint at zero needs its pose alone.
+        # A chain that holds the joint at zero needs only its pose. An error in the motion is
+        # therefore stored, not raised.
         unmoved = dict[str, Any]()
         motion, reason = deferred(unmoved, self._motion, element, where, inherited)
         return dataclasses.replace(joint, immovable=reason, **motion)
@@ -344,7 +346,7 @@ class _Reader:
                 " (base=), or replace it by hinges."
             )
         _require_zero(element)
-        # Angles of slides are lengths: never in degrees.
+        # The positions of a slide are lengths, which are never in degrees.
         unit = np.pi / 180 if kind == "hinge" and self.degrees else 1.0
         axis = numbers_of(element, "axis", 3, "0 0 1", where)
         if np.linalg.norm(axis) < 1e-6:
@@ -370,14 +372,17 @@ class _Reader:
         }
 
     def _limited(self, element: Element, switch: str, range_name: str) -> bool:
-        """Whether a range holds: with autolimits where it is stated, otherwise by its switch."""
+        """Return whether a range limits: `switch` decides, if it is not "auto".
+
+        If it is "auto" or missing, a stated range limits where the compiler has autolimits.
+        """
         limited = element.attributes.get(switch, "auto")
         return limited == "true" or (
             limited == "auto" and self.autolimits and range_name in element.attributes
         )
 
     def actuators(self, root: Element) -> None:
-        """The limits of effort that the actuators of joints state, joint side."""
+        """Lower the effort limit of each joint to the sum of its actuators' efforts."""
         efforts: dict[str, float] = {}
         for actuator in (child for element in root.all("actuator") for child in element.children):
             of_class = self.actuator_defaults.get(actuator.attributes.get("class", "main"), {})
@@ -447,7 +452,11 @@ class _Reader:
         ]
 
     def _inertial(self, element: Element, name: str, moves: bool) -> Body | None:
-        """The body of an <inertial>; None if the body needs none (no geom, or it never moves)."""
+        """Return the body that <inertial> describes.
+
+        A body without <inertial> starts from zero mass if it has no geom or never moves. Any other
+        body must have one <inertial>.
+        """
         _require_zero(element)
         elements = element.all("inertial")
         where = f"body {name}"
@@ -483,7 +492,7 @@ class _Reader:
         """The body with the compiler's least mass and moments, and balanced moments."""
         moments, axes = np.linalg.eigh(inertia_matrix(inertia))
         bounded = np.maximum(moments, self.least_inertia)
-        # MuJoCo replaces moments that no body has by their mean.
+        # With balanceinertia, MuJoCo replaces moments that no real body can have by their mean.
         if self.balance and bounded[2] > bounded[0] + bounded[1]:
             bounded = np.full(3, bounded.mean())
         # Moments that stay keep the digits of the file.

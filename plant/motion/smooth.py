@@ -12,7 +12,7 @@ from plant.parts import Floats, Nested, part, real, structure
 class _Smooth(Reference):
     """Base of references whose derivatives of any order have one formula.
 
-    Where a derivative jumps, the formula gives its value on one side.
+    Where a derivative jumps at an end of the motion, the formula gives its value inside the motion.
     """
 
     @abc.abstractmethod
@@ -32,7 +32,10 @@ class _Smooth(Reference):
 class Harmonics(_Smooth):
     """Sum of harmonics of a period.
 
-    q = offset + sum over j of cosine[:, j] cos(j w t) + sine[:, j] sin(j w t), w = 2 pi / period.
+    q = offset + sum over j = 1..H of (cosine_j cos(j w t) + sine_j sin(j w t)), w = 2 pi / period;
+    cosine_j and sine_j are column j of the amplitudes, the first column being j = 1.
+
+    The trajectory of eq. (6) is ``puma560.reference()``. Source: paper 3.5.
 
     Parameters
     ----------
@@ -42,8 +45,6 @@ class Harmonics(_Smooth):
         [rad]
     cosine, sine : (n, H) array_like
         Amplitudes of the harmonics 1..H [rad].
-
-    The trajectory of eq. (6) is ``puma560.reference()``. Source: paper 3.5.
 
     See Also
     --------
@@ -72,17 +73,17 @@ class Harmonics(_Smooth):
         self._keep("sine", shape, "The same shape as cosine.")
 
     @property
-    def n(self) -> int:  # type: ignore[override]  # declared, and read only
+    def n(self) -> int:  # type: ignore[override]  # the base declares a writable attribute
         return len(self.offset)
 
     @property
-    def duration(self) -> float:  # type: ignore[override]  # declared, and read only
+    def duration(self) -> float:  # type: ignore[override]  # the base's attribute is writable
         """One period [s]."""
         return self.period
 
     def _derivatives(self, t: Floats, orders: Sequence[int]) -> list[Floats]:
         """Real parts of amplitudes times exp(i j w t); each derivative multiplies by i j w."""
-        # Complex amplitudes: one power of i j w per derivative, of any order.
+        # With complex amplitudes, the derivative of order k multiplies harmonic j by (i j w)**k.
         rate = 2j * np.pi / self.period * np.arange(1, np.shape(self.cosine)[1] + 1)
         amplitude = np.asarray(self.cosine) - 1j * np.asarray(self.sine)
         waves = np.exp(t[:, None] * rate)
@@ -126,7 +127,7 @@ class PointToPoint(_Smooth):
         self._keep("goal", (n,), "One angle per joint, like start.")
 
     @property
-    def n(self) -> int:  # type: ignore[override]  # declared, and read only
+    def n(self) -> int:  # type: ignore[override]  # the base declares a writable attribute
         return len(self.start)
 
     def _derivatives(self, t: Floats, orders: Sequence[int]) -> list[Floats]:
@@ -146,17 +147,17 @@ class PointToPoint(_Smooth):
 
 @part
 class Spline(Timed, _Smooth):
-    """Quintic spline through points, from rest to rest, then at its last point.
+    """Quintic spline through points, by default from rest to rest; it stays at its last point.
 
     Parameters
     ----------
     times : (N,) array_like
-        Strictly increasing, from 0 [s].
+        Times of the points [s]; they start at 0 and increase strictly.
     points : (N, n) array_like
         [rad]
     at_rest : bool
-        False for a motion that has begun before, and goes on, such as a stretch of a log: its ends
-        are as smooth as the points say. At least six of them.
+        True: speed and acceleration are zero at both ends. False: the ends are free, and six or
+        more points are required; this suits a stretch of a longer motion, such as one from a log.
 
     See Also
     --------
@@ -187,8 +188,12 @@ class Spline(Timed, _Smooth):
             )
 
     def _derivatives(self, t: Floats, orders: Sequence[int]) -> list[Floats]:
-        """Derivatives of q; from the third on they jump at the ends, from the fifth inside."""
-        from scipy.interpolate import make_interp_spline  # 0.2 s, for those who use it
+        """Derivatives of q; all of them are zero before the first time and after the last one.
+
+        If the motion is at rest at its ends, the third and higher ones jump there; otherwise the
+        first and second jump there too. Between the ends, only the fifth can jump.
+        """
+        from scipy.interpolate import make_interp_spline  # costs 0.2 s, so only splines import it
 
         # Speed and acceleration are zero at rest.
         rest = [(1, np.zeros(self.n)), (2, np.zeros(self.n))]

@@ -37,7 +37,7 @@ class Running:
     state : numpy.ndarray
         State of the law.
     reference : (n,) numpy.ndarray
-        Commanded joint position [rad] of the last call; in a stop that of the stop.
+        Commanded joint position [rad] of the last call; during a stop, the stop commands it.
     stopped : bool
         Whether a guard has stopped the arm.
     bridged : int
@@ -46,16 +46,18 @@ class Running:
         A str: "running", with the last bridged sample, or "safe stop" and why; ``status.brake``
         asks for the brakes.
     goal : (n,) numpy.ndarray
-        Goals [counts], whole numbers, of the last call, to be sent to position servos: a rig with a
-        `PositionServo` inside. In a stop without the law the servo holds where it was, with the
-        stop's torque; of guards that stop by "zero" it goes along with the counts. Of other rigs a
-        ValueError.
+        Goals [counts] of the last call, whole numbers, to be sent to the position servos of a rig
+        with a `PositionServo` inside. In a stop that does not use the law, the goal holds the servo
+        where it was, with the torque of the stop; if the guards stop by "zero", the goal follows
+        the counts. Any other rig raises a ValueError.
     frame : (5, n) numpy.ndarray
-        Likewise the MIT frames (q, qd, kp, kd, tau) of the last call, as their fields round them,
-        of a rig with a `MitDrive` inside.
+        MIT frames (q, qd, kp, kd, tau) of the last call, to be sent to the drives of a rig with a
+        `MitDrive` inside. Each value is rounded to the resolution of its field in the frame. Any
+        other rig raises a ValueError.
     friction : (2, n) numpy.ndarray
-        Coulomb [N m] and viscous [N m s/rad] friction, motor side, as a law that learns it has it
-        now; to be saved, and given to its next start. Of other laws a ValueError.
+        Coulomb [N m] and viscous [N m s/rad] friction, motor side, that a learning law has learnt
+        so far. Save it, and give it to the law at the next start. Any other law raises a
+        ValueError.
     """
 
     def __init__(
@@ -72,7 +74,7 @@ class Running:
             instance("guards", guards, Guards, "Give Guards(...), or None for none.").warn_of_units(
                 rig
             )
-        # The limit counts as the amplifier's, so that law and guards know it.
+        # The limit becomes that of the amplifier in the rig, so that law and guards know it.
         rig = limited(rig, torque_limit)
         block = law.block(rig)
         self.law = law
@@ -94,11 +96,12 @@ class Running:
         self._initial = self._memory.copy()
         # Nobody waits for this lock: a second thread is refused.
         self._free = threading.Lock()
-        # A call allocates nothing but its result.
+        # Each call copies its arguments into these arrays, and the compiled step writes the torque.
         self._arguments = tuple(np.empty((len(ARGUMENTS), rig.n)))
         self._torque = np.empty(rig.n)
         self._log: RunLog | None = None
-        # What an inner loop gets of a call, and where the memory has what it depends on.
+        # A function computes what the inner loop receives; the places of its inputs in the memory
+        # are looked up once.
         if block.sent is not None:
             self._sending = sent_by(law, rig, block, guards)
             layout = Layout.of(block, rig.n)
@@ -118,7 +121,9 @@ class Running:
         target: str | None = None,
         precision: str = "double",
     ) -> None:
-        """Export this controller as C99, with all its guards; arguments as `Law.to_c`, and two.
+        """Export this controller as C99, with all its guards.
+
+        The arguments are those of `Law.to_c`, and these two.
 
         Parameters
         ----------
@@ -126,9 +131,10 @@ class Running:
             A microcontroller: with toolchain file and Makefile, and a program that replays a record
             in QEMU.
         precision : {"double", "single"}
-            Of all numbers: double gives the host's bits; single has no clock.
+            Precision of all numbers. Double precision gives the same bits as this computer; single
+            precision has no clock (`now` in `step`).
         """
-        # The exporter needs what `start` was given, so it gets the same arguments.
+        # The exporter gets law, guards and `without` as `start` got them, and the limited rig.
         write_running(
             self.law,
             self.rig,
@@ -146,9 +152,9 @@ class Running:
     def log_to(self, path: str | Path) -> RunLog:
         """Append every sample from now on to a new MCAP file, readable at any time.
 
-        Returns the log, a context manager, which is closed in the end. A kill loses the end: up
-        to 64 kB, of long logs up to the size of their index. Loops that call the `core` themselves
-        are not logged.
+        The method returns the log, which is a context manager; close it at the end. If the process
+        is killed, the log loses its last samples: up to 64 kB, or as much as its index if the log
+        is long. Loops that call the `core` themselves are not logged.
 
         Raises
         ------
@@ -181,10 +187,11 @@ class Running:
         Parameters
         ----------
         pulses : (n,) array_like
-            Encoder counts, read now: whole numbers, but of an encoder with ``smooth=True``.
+            Encoder counts, read now. They must be whole, unless the encoder has ``smooth=True``.
         q_r, qd_r, qdd_r : (n,) array_like
-            Reference for now, joint side [rad, rad/s, rad/s^2]. With guards, one that is not finite
-            is extrapolated from the last one; only the first must be finite.
+            Reference for now, joint side [rad, rad/s, rad/s^2]. With guards, a reference that is
+            not finite is replaced by an extrapolation of the last one; only the first reference
+            must be finite.
         now : float, optional
             Time of a steady clock [s] (``time.perf_counter()``), for the guard that sees calls come
             late.

@@ -1,9 +1,9 @@
 """The commanded path of a loop: a reference with its counts, or the commanded counts of a log.
 
-The reference counts are rounded as the encoder rounds, also between samples, as the control card
-does. A record without a reference is replayed from its logged counts: straight lines between two
-samples, rounded likewise, unless the log has fractions of counts. Where the law needs the motion
-itself, with its acceleration, it is that of smoothing splines.
+The control card rounds the commanded counts as the encoder does, also between samples, and so does
+this module. A record without a reference is replayed from its logged counts: straight lines join
+the samples, and are rounded likewise, unless the log has fractions of counts. If the law needs the
+motion itself, with its acceleration, smoothing splines through the counts give this motion.
 """
 
 import dataclasses
@@ -56,9 +56,9 @@ class PathSettings:
         Largest share of counts that may differ from those of the log: rounding explains so many.
     stretches : tuple of Stretch
         Polynomials to fit to the first counts, the least noisy first. Each joint takes the speed of
-        the first polynomial that fits its counts and shows a clear speed. Where only a short one
-        fits, the joint is fast, or its controller was just switched on: a first count that is off
-        by 5 must not look like a speed (test_simulator.py).
+        the first polynomial that fits its counts and shows a clear speed. If only a short one fits,
+        either the joint is fast, or its controller was just switched on. `clear` tells these cases
+        apart: a first count that is off by 5 must not look like a speed (test_simulator.py).
     deviation : float
         Largest distance [pulses] of a count from its polynomial that rounding explains.
     speed : float
@@ -139,8 +139,8 @@ class Logged:
     def smoothed(self, t: Floats, finer: float = 1.0) -> Motion:
         """The smoothest motion that rounding allows; fractional counts are interpolated.
 
-        `finer` multiplies the number of knots. Where the motions of two such numbers differ,
-        rounding hides which of them is true.
+        `finer` multiplies the number of knots of the splines. Where two values of `finer` give
+        different motions, the rounded counts cannot tell which motion is true.
         """
         sampled = self.clock.t[self.clock.rows]
         # Fitted once: a law reads this motion at many times.
@@ -150,7 +150,8 @@ class Logged:
             if self.whole:
                 centres = encoder.position_in_pulses(encoder.cell_centre(self.pulses))
             self._splines[finer] = smooth_splines(sampled, centres, self.whole, finer)
-        # The splines are defined only within the log: outside it all values are those of its ends.
+        # The splines are defined only within the log. A time before 0 is replaced by 0, and a time
+        # after the last sample by that of the last sample.
         within = np.clip(t, 0, sampled[-1])
         splines = self._splines[finer]
         pulses = (np.column_stack([spline(within, k) for spline in splines]) for k in range(3))
@@ -168,8 +169,9 @@ class Logged:
 def path_of(record: Record, clock: Clock | None = None, *, smooth: bool = False) -> Path | Logged:
     """Commanded path of a record: its reference, which must agree with its counts, or the counts.
 
-    Smooth: not rounded to pulses; counts then stand for the middle of their quantisation cell. A
-    reference whose logged counts have fractions is not rounded either.
+    With `smooth` the path is not rounded to pulses, and each logged count stands for the middle of
+    its quantisation cell. If a record has a reference and its logged counts have fractions, the
+    path is not rounded either.
     """
     clock = clock or Clock.of(record)
     if record.reference is None:
@@ -182,7 +184,8 @@ def path_of(record: Record, clock: Clock | None = None, *, smooth: bool = False)
     off = np.abs(counts - record.reference_pulses).max(axis=1)
     # Samples that bridge a gap were not measured.
     off[record.valid == 0] = 0
-    # Rounding explains one pulse. Rows of another time, as after lost messages, are accepted here.
+    # Rounding explains a difference of one pulse. Larger ones are accepted only if all their rows
+    # belong to another time, as they do after lost messages.
     wrong = np.flatnonzero(off > 1)
     if len(wrong) and not off_reference(record)[wrong].all():
         reason = _scaled(record, counts) or (
@@ -229,13 +232,13 @@ def is_rounded(record: Record) -> bool:
 
 
 def with_path(record: Record) -> Record:
-    """A record of a law without a period; its reference is a smooth motion through its counts.
+    """Return the record with a smooth motion through its commanded counts as its reference.
 
     Straight lines through counts lag by half a pulse between samples, which looks like late
-    torques. The record itself is returned if its path is known, if its law has a period or a state,
-    if it is too short or too long, or if it does not begin at t = 0. It is returned, too, where its
-    counts are not those of a smooth motion: at most one count in twenty may differ from that of the
-    motion, and only by one pulse.
+    torques. The record is returned unchanged unless `is_rounded` is true of it, if its law has a
+    period or a state, if it is too short or too long, or if it does not begin at t = 0. It is also
+    returned unchanged if its counts are not those of a smooth motion: at most one count in twenty
+    may differ from the count of the motion, and only by one pulse.
     """
     # A law with a period reads its reference only at the samples. A law with a state needs the
     # reference that it really followed.
@@ -257,11 +260,12 @@ def with_path(record: Record) -> Record:
 def start_of(record: Record, path: Path | Logged) -> Any:
     """Position and velocity (n,) from which a record is replayed.
 
-    The record's `initial`, if it has one; otherwise that of the reference. But a joint whose first
-    error is a pulse or more (an arm that hangs in its P loop before it starts) begins where its
-    encoder reads, in the middle of that quantisation cell. It takes the speed of its first counts
-    if that clearly differs from the reference's and is not zero. Without a reference, or with goals
-    that are held, every joint takes the speed of its first counts.
+    If the record has an `initial`, that is returned. Otherwise the path gives position and speed at
+    t = 0, with these exceptions. A joint whose first error is a pulse or more (as when gravity
+    pulls an arm off its goal before the motion) begins in the middle of the quantisation cell that
+    its encoder reads. Such a joint takes the speed of its first counts if this speed is not zero
+    and clearly differs from that of the reference. Without a reference, or with a reference that
+    only holds its goals, every joint takes the speed of its first counts.
     """
     if record.initial is not None:
         return record.initial
@@ -301,9 +305,9 @@ def is_start_open(record: Record) -> bool:
 
 
 def _speed_unknown(record: Record) -> NDArray[np.bool_]:
-    """Which joints (n,) move at the start at a speed that only counts or a reference tell.
+    """Whether the first counts of each joint (n,) show a speed that the record does not state.
 
-    None does if the record has no law or an `initial`, or if its law replays the log.
+    All are False if the record has no law, if it has an `initial`, or if its law replays the log.
     """
     if record.law is None or record.law.replays or record.initial is not None:
         return np.zeros(record.n, bool)
@@ -313,10 +317,11 @@ def _speed_unknown(record: Record) -> NDArray[np.bool_]:
 def _initial_speed(record: Record) -> Floats:
     """Initial speed (n,) [rad/s] of a polynomial fitted to the first counts.
 
-    Each joint takes the first of the `stretches` that fits. Its speed is zero where none does, as
-    where a controller was just switched on. All speeds are zero where no joint moves by more than
-    one pulse within the first stretch, or where the log is shorter. A record that replays its log
-    takes the longest stretch where none fits.
+    Each joint takes its speed from the first of the `stretches` that fits its counts and shows a
+    clear speed. If there is none, as after a controller was just switched on, the speed of the
+    joint is zero; but if the law replays the log, the stretch with most samples gives the speed.
+    All speeds are zero if no joint moves by more than one pulse within the first of the
+    `stretches`, or if the log has fewer samples than that.
     """
     polynomial = np.polynomial.polynomial
     speed = np.zeros(record.n)
@@ -333,7 +338,8 @@ def _initial_speed(record: Record) -> Floats:
         scale = t[-1]
         coefficients = polynomial.polyfit(t / scale, counts, stretch.degree)
         off = np.abs(polynomial.polyval(t / scale, coefficients).T - counts).max(axis=0)
-        # Error of the coefficient per error of a count.
+        # The coefficient of the speed is the sum of the counts, weighted by `solved[1]`. So the
+        # norm of these weights turns the rounding error of a count into that of the coefficient.
         solved = np.linalg.pinv(polynomial.polyvander(t / scale, stretch.degree))
         noise = _ROUNDING * np.linalg.norm(solved[1])
         near = off <= SETTINGS.deviation

@@ -23,8 +23,8 @@ def by_casadi(
     per_law = loop.steps_per_law
     steps = len(tables[-1])
 
-    # 1. By `mapaccum` as many chunks as there are, each of whole periods of the law and the log.
-    # Chunks of the least common length repeat exactly, whatever the two rates are.
+    # 1. `mapaccum` runs all complete chunks. A chunk is the shortest time that has whole periods
+    # both of the law and of the log, so that all chunks are alike, whatever the two rates are.
     chunk = math.lcm(per_sample, per_law or per_sample)
     chunks, remaining = divmod(steps, chunk)
     law_rows = chunks * chunk // per_law if per_law else 0
@@ -42,7 +42,7 @@ def by_casadi(
         logs.append(log.full().T)
         errors.append(error.full().T)
 
-    # 2. Step by step the sub-steps that remain.
+    # 2. The sub-steps that remain are run one by one.
     if remaining:
         columns = [table[count:].T for table, count in zip(tables, rows, strict=True)]
         state, log, error = _stepped(loop, state, columns, numbers, remaining)
@@ -50,7 +50,8 @@ def by_casadi(
         errors.append(error.full().T)
     # Sub-steps in order: the chunks, then what remained.
     true_error = np.vstack(errors)
-    # After a divergence the functions of casadi go on with NaN, where the kernel ends.
+    # After a divergence the kernel ends, but the functions of casadi go on with NaN. So only the
+    # steps before the first error that is not finite count as done.
     diverged = np.flatnonzero(~np.isfinite(true_error).all(axis=1))
     done = int(diverged[0]) if len(diverged) else steps
     return state.full()[:, -1], done, np.vstack(logs), true_error
@@ -61,14 +62,14 @@ def _stepped(
 ) -> tuple[Any, Any, Any]:
     """State, log and true errors after some sub-steps; symbols or numbers.
 
-    A sample and a period of the law begin with them. The columns of `times` are the rows of the
-    tables for law, samples and sub-steps.
+    A sample and a period of the law must begin with the first of these sub-steps. The columns of
+    the three matrices in `times` are the rows of the tables for law, samples and sub-steps.
     """
     law_time, sample_time, step_time = times
     logs = []
     errors = []
     for i in range(steps):
-        # Fast hardware has no step of its own: its law is part of the sub-step.
+        # A law on fast hardware has no step of its own: it is part of the sub-step.
         if loop.law_step is not None and i % loop.steps_per_law == 0:
             state = loop.law_step(state, law_time[:, i // loop.steps_per_law], numbers)
         if i % loop.steps_per_sample == 0:
@@ -97,7 +98,7 @@ def _repeated(key: Structure, chunk: int, count: int) -> ca.Function:
     state = ca.MX.sym("state", len(loop.state_names))
     numbers = ca.MX.sym("numbers", len(loop.number_names))
     times = [ca.MX.sym(name, len(loop.time_names), size) for name, size in rows.items()]
-    # Expanded to scalar operations once; `mapaccum` then repeats the chunk.
+    # One chunk is expanded to scalar operations; `mapaccum` then repeats this chunk.
     once = ca.Function(
         "chunk", [state, *times, numbers], _stepped(loop, state, times, numbers, chunk)
     ).expand()
@@ -107,9 +108,10 @@ def _repeated(key: Structure, chunk: int, count: int) -> ca.Function:
 def logged_run(
     loop: ClosedLoop, arm: Arm, driven: tuple[Any, ...], start: Any, backend: str
 ) -> tuple[Floats, Floats]:
-    """Log and true errors of a run from a start, or a refusal if it diverges.
+    """Log and true errors of a run from a start; a run that diverges raises an error.
 
-    It is driven by a path, a clock, a replayed column and an injected torque, as for `time_tables`.
+    `driven` holds the path, the clock, the replayed column and the injected torque that drive the
+    run, in the order of `time_tables`.
     """
     numbers = loop.number_values(arm.f)
     state = loop.initial_state(start[0], start[1], numbers)
@@ -118,7 +120,7 @@ def logged_run(
         final, log, true_error = _by_kernel(loop, driven, state, numbers)
     else:
         final, _, log, true_error = by_casadi(loop, time_tables(loop, *driven), state, numbers)
-    # Judged by the last state, which keeps a mark of any divergence before it.
+    # The last state tells whether the run diverged, because it keeps a mark of any divergence.
     if not loop.sound(final):
         refuse_divergence(loop, arm, log, final)
     return log, true_error
@@ -130,7 +132,7 @@ def _by_kernel(
     path, clock, replayed, injected = driven
     samples = len(clock)
     steps = len(clock) * loop.steps_per_sample
-    # NaN stays where a loop that diverges ends early.
+    # If the loop diverges, the kernel ends early, and the rows that it has not written stay NaN.
     log = np.full((samples, loop.n_log), np.nan)
     true_error = np.full((steps, loop.n), np.nan)
     kernel = loop_kernel(loop, uneven=clock.even is None)
@@ -151,13 +153,16 @@ def refuse_divergence(loop: ClosedLoop, arm: Arm, log: Floats, final: Floats) ->
     state = loop.read_state(final)
     q = loop.log_fields.read(log.T, loop.n).q.T
     motion = np.array([state.q, state.qd])
-    # NaN counts as infinite: the joint that lost its number is named.
+    # NaN counts as infinite, so that a joint whose state is not finite is named; if there are
+    # several such joints, the one with the lowest index is named.
     values = np.abs(np.where(np.isfinite(motion), motion, np.inf))
     label = arm.dynamics.chain.joint_labels[int(np.argmax(values.max(axis=0)))]
-    # The last sample that is finite, and not yet far beyond any position of an arm.
+    # In these samples all positions are finite, and none is yet far beyond any position of an arm.
+    # The last of them gives the time.
     finite = np.flatnonzero(np.isfinite(q).all(axis=1) & (np.abs(q).max(axis=1) < 1e3))
     time = (finite[-1] if len(finite) else 0) * loop.rig.period
-    # An arm whose D is not positive definite diverges in any loop, and has its own message.
+    # An arm whose inertia matrix D is not positive definite diverges in any loop. For such an arm
+    # `require_positive` raises an error with its own message.
     arm.require_positive(q[0] if len(finite) else state.q)
     raise DivergenceError(
         f"the closed loop must stay bounded; it diverges after t = {time:.4f} s, {label} first. "

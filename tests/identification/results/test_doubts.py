@@ -50,6 +50,22 @@ def right():
         return identify(puma560.dynamics(), log(), seed=1, progress=False)
 
 
+def test_what_follows_a_mistake_of_the_log_is_called_its_possible_effect():
+    """A fit to gravity of the wrong sign needs offsets; without mistakes nothing is said of any."""
+    chain = puma560.dynamics().chain
+    down = np.array(chain.gravity)
+    dynamics = Dynamics.from_chain(dataclasses.replace(chain, gravity=-down))
+    with pytest.warns(IdentificationWarning):
+        found = identify(dynamics, log(), method="equation_error", progress=False)
+    mistake, effects, *others = found.warnings
+    assert [cause.name for cause in found.causes][:2] == ["gravity direction", "offset"]
+    assert mistake == found.causes[0].line
+    assert "effects" in effects
+    assert others[0] == found.causes[1].line
+    assert effects not in found.doubts
+    assert not any("effects" in line for line in wrong().warnings)
+
+
 def test_what_is_significant_and_not_named_asks_for_what_was_stated():
     detection = right().diagnostics.detection
     assert "next to nothing" not in str(detection)
