@@ -123,18 +123,20 @@ class ModelLaw(Law):
             # The motors cannot hold this pose at rest: there is no equilibrium to linearise at.
             return
         if pole is not None:
+            # Hertz and a time constant are what is seen on the arm; a real pole does not swing.
+            hz = abs(pole.imag) / (2 * np.pi)
+            grows = f"swings up at {hz:.3g} Hz" if hz > 0 else "runs away"
+            advice = "Take what tune finds."
             speed = ""
             bandwidth = getattr(self, "bandwidth", None)
             if bandwidth is not None:
                 per_sample = bandwidth * stated.period
                 speed = f"; its bandwidth is {bandwidth:g} rad/s, {per_sample:.2g} rad per sample"
-            name = type(self).__name__
-            # Hertz and a time constant are what is seen on the arm.
-            hz = abs(pole.imag) / (2 * np.pi)
-            time = 1 / pole.real
-            swings = f"it swings up at {hz:.3g} Hz with the time constant {time:.2g} s{speed}"
-            advice = "Lower it, or take what tune finds."
-            raise ValueError(f"{name} must be stable on this rig; linearised {swings}. {advice}")
+                advice = "Lower it, or take what tune finds."
+            raise ValueError(
+                f"{type(self).__name__} must be stable on this rig; linearised it {grows} with the"
+                f" time constant {1 / pole.real:.2g} s{speed}. {advice}"
+            )
 
     def h(self, q: ca.SX, qd: ca.SX) -> ca.SX:
         """Torque (n, 1) [N m] without inertia and friction: h of the arm less the rig's springs."""

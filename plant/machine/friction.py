@@ -326,5 +326,5 @@ def smooth_bristle_impulse(
     path = h * ca.fabs(speed)
     added = bound if bristles.damping is None else bound + bristles.distance * bristles.damping
     room = bristles.distance + path + h * inverse.diagonal * added
-    bending = (h * speed - path * bristles.deflection) / room
+    bending = (h * speed - path * bristles.deflection) / ca.fmax(room, _TINY)
     return -(holding + added * bending), bristles.deflection + bending

@@ -273,12 +273,11 @@ class Running:
         """What an inner loop of the rig gets of the last call, by its name."""
         inner = self.law.rig_of_frames(self.rig).inner
         if inner is None or inner.sends != name:
-            kind = "none" if inner is None else f"a {type(inner).__name__}, which takes a"
-            takes = (
-                "running.torque" if inner is None else f"{inner.sends}: take running.{inner.sends}"
-            )
+            sends = "torque" if inner is None else inner.sends
+            kind = "has none" if inner is None else f"has a {type(inner).__name__}"
             raise ValueError(
-                f"{name} needs a rig with an inner loop that takes it; this one has {kind} {takes}."
+                f"{name} needs a rig with an inner loop that takes it; this one {kind}: take"
+                f" running.{sends}."
             )
         values = [self._memory[places] for places in self._sent_places]
         sent: Floats = self._sending.function(*values).full()[:, 0]

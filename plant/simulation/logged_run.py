@@ -10,6 +10,7 @@ import numpy as np
 
 from plant.mechanics.arm import Arm
 from plant.parts.fields import Floats
+from plant.simulation.clock import Clock
 from plant.simulation.closed_loop import ClosedLoop
 from plant.simulation.loop_kernel import Structure, loop_kernel
 from plant.simulation.time_tables import time_tables
@@ -122,7 +123,7 @@ def logged_run(
         final, _, log, true_error = by_casadi(loop, time_tables(loop, *driven), state, numbers)
     # The last state tells whether the run diverged, because it keeps a mark of any divergence.
     if not loop.sound(final):
-        refuse_divergence(loop, arm, log, final)
+        refuse_divergence(loop, arm, driven[1], log, final)
     return log, true_error
 
 
@@ -148,22 +149,29 @@ class DivergenceError(ValueError):
     """A closed loop that did not stay bounded; the message has the time and the joint."""
 
 
-def refuse_divergence(loop: ClosedLoop, arm: Arm, log: Floats, final: Floats) -> NoReturn:
+def refuse_divergence(
+    loop: ClosedLoop, arm: Arm, clock: Clock, log: Floats, final: Floats
+) -> NoReturn:
     """Raise an error with the time at which a simulation diverged, and the joint."""
     state = loop.read_state(final)
     q = loop.log_fields.read(log.T, loop.n).q.T
-    motion = np.array([state.q, state.qd])
-    # NaN counts as infinite, so that a joint whose state is not finite is named; if there are
-    # several such joints, the one with the lowest index is named.
-    values = np.abs(np.where(np.isfinite(motion), motion, np.inf))
-    label = arm.dynamics.chain.joint_labels[int(np.argmax(values.max(axis=0)))]
     # In these samples all positions are finite, and none is yet far beyond any position of an arm.
     # The last of them gives the time.
-    finite = np.flatnonzero(np.isfinite(q).all(axis=1) & (np.abs(q).max(axis=1) < 1e3))
-    time = (finite[-1] if len(finite) else 0) * loop.rig.period
+    sane = np.flatnonzero(np.isfinite(q).all(axis=1) & (np.abs(q).max(axis=1) < 1e3))
+    last = sane[-1] if len(sane) else 0
+    time = clock.t[last]
+    # The largest position or speed of the final state names the joint. Coupling spreads a value
+    # that is not finite to all joints within a step: of several such joints, the one that moved
+    # most between the last two sane samples is named.
+    size = np.abs([state.q, state.qd]).max(axis=0)
+    lost = ~np.isfinite(size)
+    if lost.any():
+        moved = np.nan_to_num(np.abs(q[last] - q[max(last - 1, 0)]))
+        size = np.where(lost, 1 + moved, 0.0)
+    label = arm.dynamics.chain.joint_labels[int(np.argmax(size))]
     # An arm whose inertia matrix D is not positive definite diverges in any loop. For such an arm
     # `require_positive` raises an error with its own message.
-    arm.require_positive(q[0] if len(finite) else state.q)
+    arm.require_positive(q[0] if len(sane) else state.q)
     raise DivergenceError(
         f"the closed loop must stay bounded; it diverges after t = {time:.4f} s, {label} first. "
         "Lower the gains, shorten the law's period, or check that f belongs to this arm."

@@ -12,6 +12,8 @@ from closed_loops import Constant, NoTorque, direct_rig, joint
 
 from ctc import ComputedTorque
 from plant import FrictionCurve, P, PointToPoint, Presliding, puma560, simulate
+from plant.machine.friction import Bristles, smooth_bristle_impulse
+from plant.mechanics.symmetric_inverse import inverse
 from plant.simulation.closed_loop import ClosedLoop
 
 INERTIA, LEVEL, DISTANCE = 2.0, 0.5, 0.01
@@ -127,6 +129,15 @@ def test_no_distance_is_coulomb_friction(law):
     one, other = (simulate(arm, each, law, path, duration=0.7) for each in (plain, bristles))
     np.testing.assert_array_equal(one.error_pulses, other.error_pulses)
     np.testing.assert_allclose(one.true_q, other.true_q, rtol=0, atol=1e-9)
+
+
+def test_a_joint_without_friction_or_distance_has_a_smooth_step_at_rest():
+    mass = ca.SX(np.diag((2.0, 3.0)))
+    zero = ca.SX.zeros(2)
+    impulse, deflection = smooth_bristle_impulse(
+        inverse(mass), zero, Bristles(zero, zero, None), zero, ca.SX(1e-3)
+    )
+    assert (np.array(ca.evalf(ca.horzcat(impulse, deflection))) == 0).all()
 
 
 def test_a_short_distance_ends_in_coulomb_friction():

@@ -59,6 +59,9 @@ def test_goals_are_refused_where_nothing_takes_them(tmp_path):
     law = ComputedTorque(ARM, rig(inner=None), bandwidth=30)
     with pytest.raises(ValueError, match="this one has none"):
         law.to_c(tmp_path, guards=None, output="goal")
+    running = law.start(rig(inner=None), np.zeros(2), guards=None)
+    with pytest.raises(ValueError, match=r"has none: take running\.torque\.$"):
+        _ = running.goal
     frames = rig(0.002, None)
     frames = dataclasses.replace(frames, inner=MitDrive.for_arm(ARM, frames, stiffness=40))
     with pytest.raises(ValueError, match="has MitDrive"):

@@ -13,7 +13,8 @@ from random_arms import random_arm
 from plant import PD, Arm, P, PointToPoint, Record, puma560, simulate
 from plant.simulation.clock import Clock
 from plant.simulation.closed_loop import FAR, ClosedLoop, bounded, closed_loop
-from plant.simulation.followed_path import Logged, Path, path_of, with_path
+from plant.simulation.followed_path import Logged, Path, is_rounded, path_of, with_path
+from plant.simulation.logged_run import DivergenceError, logged_run
 from plant.simulation.loop_kernel import LANES, LOGGED, LoggedKernel, LoopKernel, loop_kernel
 from plant.simulation.time_tables import time_tables
 
@@ -432,6 +433,69 @@ def test_counts_of_a_smooth_motion_are_its_path_for_a_law_between_samples(kind):
     assert np.abs(truth - straight).mean() > 0.25  # which the smooth motion mends
     assert np.abs(truth - RIG.counts(known.reference(between).q)).mean() < 0.05
     assert with_path(known) is known
+
+
+def test_joints_that_rest_at_different_counts_are_no_path():
+    rest = np.tile([5.0, 9.0], (600, 1))
+    record = Record(
+        t=np.arange(600) * PERIOD,
+        error_pulses=0 * rest,
+        reference_pulses=rest,
+        rig=RIG,
+        law=LAWS["P"],
+    )
+    assert not is_rounded(record)
+    assert is_rounded(dataclasses.replace(record, reference_pulses=rest + np.eye(600, 2)))
+
+
+def test_a_sample_that_is_off_the_reference_is_named_before_those_after_lost_messages():
+    """Rows in short gaps may belong to another time; a long stretch may not."""
+    record = simulate(ARM, RIG, LAWS["P"], PATH)
+    off = record.reference_pulses.copy()
+    off[10] += 40.0
+    off[100:130] += 40.0
+    with pytest.raises(ValueError, match="reference_pulses") as error:
+        path_of(dataclasses.replace(record, reference_pulses=off))
+    assert "sample 100" in str(error.value)
+
+
+def test_a_joint_that_hardly_moves_has_no_ratio_to_its_reference():
+    """One count that comes a sample late is no gear; the other joint stands beside its reference."""
+    pulse = RIG.to_angle(np.eye(2))[0, 0]
+    still = RIG.cell_centre(np.array([100.0, 100.0]))
+    goal = still + np.array([pulse, 0.0])
+    path = PointToPoint(start=still, goal=goal, duration=0.1)
+    t = np.arange(150) * PERIOD
+    counts = np.roll(RIG.counts(path(t).q), 1, axis=0) + np.array([0.0, 5.0])
+    record = Record(
+        t=t,
+        error_pulses=0 * counts,
+        reference_pulses=counts,
+        rig=RIG,
+        law=LAWS["P"],
+        reference=path,
+    )
+    with pytest.raises(ValueError, match="reference_pulses") as error:
+        path_of(record)
+    assert "gear" not in str(error.value)
+
+
+def test_the_time_of_a_divergence_is_that_of_the_stamps():
+    """The clock of this log runs at 0.74 ms, its rig at 0.7 ms."""
+    rig = dataclasses.replace(
+        RIG, drive=dataclasses.replace(RIG.drive, current_limit=(np.inf, np.inf))
+    )
+    t = np.arange(2000) * 0.74e-3
+    counts = RIG.counts(PATH(t).q)
+    record = Record(t=t, error_pulses=0 * counts, reference_pulses=counts, rig=rig, reference=PATH)
+    stiff_law = P(gain=(5e3, 5e3))
+    loop = loop_of(stiff_law, rig)
+    clock = Clock.of(record)
+    path = path_of(record)
+    with pytest.raises(DivergenceError) as error:
+        logged_run(loop, ARM, (path, clock, None, None), path.start(), "numba")
+    time = float(str(error.value).partition("t = ")[2].partition(" s")[0])
+    assert abs(time / 0.74e-3 - round(time / 0.74e-3)) < 0.1
 
 
 def test_a_law_that_is_a_plain_dataclass_of_arrays_is_simulated():
