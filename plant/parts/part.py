@@ -253,15 +253,22 @@ class Part(Saved):
     __setstate__ = Frozen.__setstate__
 
     def __eq__(self, other: object) -> bool:
-        return self is other or (type(self) is type(other) and self.describe() == other.describe())
+        if self is other:
+            return True
+        return type(self) is type(other) and self._description == other._description
 
     def __hash__(self) -> int:
         return self._hash
 
     @functools.cached_property
+    def _description(self) -> dict[str, Any]:
+        # Described once: rigs and laws are compared many times while a log is examined.
+        return self.describe()
+
+    @functools.cached_property
     def _hash(self) -> int:
         # Equality compares descriptions, so equal parts have equal hashes.
-        return hash(json.dumps(self.describe()))
+        return hash(json.dumps(self._description))
 
 
 def _amount(shape: tuple[int | str, ...]) -> str:
