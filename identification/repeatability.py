@@ -36,7 +36,8 @@ def alteration(f: ArrayLike) -> Floats:
 class Spread(Shown, Frozen):
     """A series of identifications of the same records.
 
-    `f` (S, p). `alteration` (p,): as a fraction. `published` (p,): alterations to print beside it.
+    `f` (S, p) has one row per run. `alteration` (p,) is a fraction. `published` (p,) holds
+    alterations to print beside it.
     """
 
     names: tuple[str, ...]
@@ -59,7 +60,7 @@ class Spread(Shown, Frozen):
             f"objective, median of {len(self.runs)} runs: {initial:.0f} -> {final:.0f} pulses^2"
         )
         dynamics = self.runs[0].arm.dynamics
-        # One row per parameter; the paper's alteration beside it.
+        # One row per parameter; the published alterations, if any, are the last column.
         columns = {
             "": dynamics.short_names,
             "mean": [f"{value:.3f}" for value in self.f.mean(axis=0)],
@@ -84,7 +85,7 @@ def spread(
     executor: Any = None,
     **options: Any,
 ) -> Spread:
-    """Identify the same records with several seeds, for the variation of each f.
+    """Identify the same records with several seeds, to see how much each value of f varies.
 
     Parameters
     ----------
@@ -94,14 +95,14 @@ def spread(
     published : (p,) array_like, optional
         Alterations to print beside the result, such as `plant.robots.puma560.PUBLISHED_ALTERATION`.
     method : str
-        The paper's by default, because its series varies; that of the default of `identify` varies
-        far less.
+        Method of `identify`. The default here is the paper's, because its results vary with the
+        seed; those of the default method of `identify` vary far less.
     checkpoint : str or Path, optional
-        File in which finished stages of the runs are stored, as of `identify`; a call with more
-        seeds continues from it.
+        File that stores the finished stages of the runs, as in `identify`; a later call with more
+        seeds continues from this file. It cannot be combined with an executor.
     executor : optional
         Runs the identifications in parallel: a `concurrent.futures.Executor`, a Dask ``Client``, or
-        a function that makes one. It takes no checkpoint.
+        a function that makes one of these. It cannot be combined with a checkpoint.
     **options
         Of `identify`.
 
@@ -113,7 +114,8 @@ def spread(
     Raises
     ------
     ValueError
-        Fewer than two seeds, or input that `identify` refuses.
+        Fewer than two seeds, or the same seed twice, `published` that does not have one value per f, a checkpoint together
+        with an executor, or input that `identify` refuses.
 
     See Also
     --------
@@ -127,11 +129,19 @@ def spread(
     >>> print(len(spread(puma560.dynamics(), record, seeds=range(2), progress=False).runs))
     2
     """
-    # A single seed is refused with a message, not with a TypeError.
+    # A bare number counts as one seed, so that the check below refuses it with a clear message.
     seeds = tuple(seeds) if isinstance(seeds, Iterable) else (seeds,)
     if len(seeds) < 2:
         raise ValueError(
             f"seeds must be two or more; got {len(seeds)}. A spread needs a series of runs."
+        )
+    if len(set(seeds)) < len(seeds):
+        raise ValueError(
+            f"seeds must differ; got {seeds}. Runs of one seed are alike, and show no spread."
+        )
+    if "seed" in options:
+        raise ValueError(
+            f"seeds must be given alone; got seed={options['seed']!r} as well. Leave seed out."
         )
     if published is not None:
         # Alterations of f alone, as the paper has no other unknowns.
@@ -143,13 +153,13 @@ def spread(
         raise ValueError("checkpoint must be left out with an executor; got both. Leave out one.")
     # The seed alone differs between runs.
     run = functools.partial(_run, dynamics, records, {"method": method, **options})
-    # One after another, each with stages of its own in the file.
+    # Without an executor the runs follow one another; each has a part of the file for its stages.
     if executor is None:
         with Checkpoint(checkpoint, "spread") as stored:
             runs = tuple(run(seed, checkpoint=stored.part(f"seed {seed}")) for seed in seeds)
     else:
         runs = tuple(mapped(run, seeds, executor))
-    # Of f alone: further unknowns are in the runs.
+    # The spread is that of f alone; the runs hold any further unknowns.
     f = np.array([run.f for run in runs])
     return Spread(
         names=dynamics.names, runs=runs, f=f, alteration=alteration(f), published=published

@@ -45,6 +45,8 @@ CALLS = {
         "equal ends of its range",
     ),
     "one seed": (lambda r: spread(DYNAMICS, r, seeds=5), "seeds must be two or more"),
+    "a seed twice": (lambda r: spread(DYNAMICS, r, seeds=(0, 0)), "seeds must differ"),
+    "seeds and a seed": (lambda r: spread(DYNAMICS, r, seeds=(0, 1), seed=3), "got seed=3"),
     "an arm, not a rig": (lambda r: LAW.start(ARM, (0, 0)), "rig must be of type Rig"),
     "swapped parts": (
         lambda r: Rig(drive=RIG.encoder, encoder=RIG.drive, period=1e-3),

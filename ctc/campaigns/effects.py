@@ -1,10 +1,12 @@
 """Mixed-effects model of one parameter over a fleet: robots, weeks, slope with temperature.
 
-value = mean + robot + slope (temperature - its mean) + week + error, robot and week random, error
-of known variance. Restricted maximum likelihood (`identification.equation_error.random_effects`)
-gives the variance of weeks about the means of the robots, then that of robots about their common
-mean; weighted least squares within robots gives the slope, in turn with the former. Robots that
-scatter beyond the rest (chi-square), or lie apart from it (Student), count in neither variance.
+value = mean + robot + slope (temperature - mean temperature) + week + error. Robot and week are
+random, and each log counts as a week of its own; the variance of the error is known. Restricted
+maximum likelihood (`identification.equation_error.random_effects`) gives the variance of the weeks
+about the means of the robots, then the variance of these means about their common mean. Weighted
+least squares within robots gives the slope, in turn with the variance of the weeks. A robot that
+scatters more than the rest (chi-square test) does not count in the variance of the weeks. A robot
+that lies apart from the rest (Student's test) does not count in the variance of the robots.
 """
 
 from collections.abc import Iterable, Iterator
@@ -25,11 +27,12 @@ class EffectSettings:
     Parameters
     ----------
     apart : float
-        Probability of a false alarm, over all robots compared, below which one is set apart.
+        Probability of a false alarm, over all robots that are compared. A robot is set apart where
+        chance explains its distance, or its scatter, with a lower probability.
     rounds : int
         Alternations of the variance between weeks and the slope with temperature.
     fewest : int
-        Robots of which one can still lie apart from the rest.
+        Fewest robots among which one can be set apart.
     """
 
     apart: float = 0.01
@@ -41,7 +44,7 @@ EFFECTS = EffectSettings()
 
 
 class Values(NamedTuple):
-    """One parameter in all logs of a fleet (M,), in the order of time; `robot` indexes `robots`."""
+    """One parameter in M logs of a fleet, in the order of time; `robot` (M,) indexes `robots`."""
 
     name: str
     label: str
@@ -57,10 +60,10 @@ class Values(NamedTuple):
 class Effect(NamedTuple):
     """Effects on one parameter.
 
-    `robots` and `weeks` are standard deviations between robots and between weeks, NaN where they
-    do not follow from the logs; `freedom` belongs to `weeks`. `means`, `std` and `apart` (J,) are
-    for each robot its mean, the standard deviation of that, and the probability that chance sets
-    any of the robots so far apart from the rest.
+    `robots` and `weeks` are standard deviations between robots and between weeks; they are NaN
+    where the logs do not determine them. `weeks` has `freedom` degrees of freedom. For each of the
+    J robots, `means` is its mean, `std` the standard deviation of this mean, and `apart` the
+    probability that chance sets any robot so far apart from the rest (1 where it was not tested).
     """
 
     of: Values
@@ -76,7 +79,11 @@ class Effect(NamedTuple):
 
 
 def values_of(rows: Iterable[Any]) -> Iterator[Values]:
-    """Group rows of a fleet, in the order of time, by parameter; assumed values are left out."""
+    """Group rows of a fleet by parameter.
+
+    The rows must be in the order of time. Rows without a standard deviation hold assumed values and
+    are left out.
+    """
     by_name = dict[str, list[Any]]()
     for row in rows:
         if row.std is not None:
@@ -110,10 +117,10 @@ def effect_of(values: Values) -> Effect:
 
     # 1. Variance between weeks and slope depend on each other: estimate them in turn.
     for _ in range(EFFECTS.rounds if warm.any() else 1):
-        weeks, freedom = _between_weeks(values, values.value - slope * temperature)
-        weight = 1 / (values.std**2 + np.nan_to_num(weeks) ** 2)
+        weeks, freedom, scatter = _between_weeks(values, values.value - slope * temperature)
+        weight = 1 / (values.std**2 + scatter[robot])
         slope_weight = weight * warm
-        # Only differences within a robot count: its mean may have any cause.
+        # Only differences within a robot count: robots may differ for other reasons than heat.
         deviation = (temperature - mean(slope_weight, temperature)[robot]) * warm
         squares = float((slope_weight * deviation**2).sum())
         if squares > 0 and freedom > 1:
@@ -137,10 +144,11 @@ def effect_of(values: Values) -> Effect:
     )
 
 
-def _between_weeks(values: Values, y: Floats) -> tuple[float, int]:
-    """Standard deviation between logs of one robot, and its degrees of freedom.
+def _between_weeks(values: Values, y: Floats) -> tuple[float, int, Floats]:
+    """Standard deviation between logs of one robot, its degrees of freedom, and variances (J,).
 
-    They are NaN and 0 where no robot has two logs.
+    The deviation is NaN, and the freedom 0, where no robot has two logs. The variances between the
+    logs of each robot are alike, except those of robots that scatter more than the others.
     """
     from scipy.special import chdtri
 
@@ -155,11 +163,13 @@ def _between_weeks(values: Values, y: Floats) -> tuple[float, int]:
     std = np.ones(shape)
     share = np.zeros(shape)
     value[rank, values.robot] = y
-    # A deviation of one below the last log: its weight is zero in any case.
+    # Places below the last log keep a deviation of one; `share` gives them a weight of zero.
     std[rank, values.robot] = values.std
     share[rank, values.robot] = 1.0
 
-    # Set the robot that scatters most aside, and fit again, until the rest is of one kind.
+    # Set the robot that scatters most aside, and fit again, until the rest is of one kind. A robot
+    # that is set aside has a variance from its own logs.
+    scatter = np.zeros(len(logs))
     robots = np.flatnonzero(logs > 1)
     limit = chdtri(np.maximum(logs - 1, 1), EFFECTS.apart / max(len(robots), 1))
     while len(robots):
@@ -169,9 +179,16 @@ def _between_weeks(values: Values, y: Floats) -> tuple[float, int]:
         centre = (weight * v).sum(axis=0) / weight.sum(axis=0)
         beyond = (weight * (v - centre) ** 2).sum(axis=0) / limit[robots]
         if beyond.max() <= 1 or len(robots) < EFFECTS.fewest:
-            return float(np.sqrt(variance)), int((logs[robots] - 1).sum())
-        robots = np.delete(robots, beyond.argmax())
-    return np.nan, 0
+            # A robot with a single log shows no scatter: it has that of the others.
+            like_others = np.append(robots, np.flatnonzero(logs <= 1))
+            scatter[like_others] = variance
+            return float(np.sqrt(variance)), int((logs[robots] - 1).sum()), scatter
+        worst = beyond.argmax()
+        scatter[robots[worst]] = restricted(
+            values.label, v[:, [worst]], s[:, [worst]], present[:, [worst]]
+        )
+        robots = np.delete(robots, worst)
+    return np.nan, 0, scatter
 
 
 class _Population(NamedTuple):
@@ -183,9 +200,10 @@ class _Population(NamedTuple):
 
 
 def _between_robots(name: str, means: Floats, std: Floats) -> tuple[_Population, Floats]:
-    """Fit a fleet to the means of its robots, and give each robot's chance of lying so far apart.
+    """Fit a population to the means of the robots, and test which robots lie apart from the rest.
 
-    The robot that is farthest from the rest is tested, and set apart, one after the other.
+    The farthest robot is tested first. If it is set apart, the next farthest is tested. Each tested
+    robot gets the probability that chance sets any robot so far apart; all others get 1.
     """
     from scipy.special import stdtr
 
@@ -203,8 +221,8 @@ def _between_robots(name: str, means: Floats, std: Floats) -> tuple[_Population,
     chance = np.ones(count)
     robots = np.arange(count)
     fit = fitted(robots)
-    # A quarter of the fleet at most is set apart: beyond that the rest is no norm.
-    while len(robots) >= max(EFFECTS.fewest, 3 * count // 4):
+    # At most a quarter of the fleet is set apart: beyond that the rest is no norm.
+    while len(robots) >= EFFECTS.fewest and count - len(robots) < count // 4:
         distance = np.abs(means[robots] - fit.mean) / np.sqrt(std[robots] ** 2 + fit.between)
         worst = robots[np.argmax(distance)]
         # The robot must not widen the distribution that it is tested against.

@@ -1,4 +1,4 @@
-"""A law with a torque that was learnt along one path added to its own."""
+"""A law that adds a torque, learnt along one path, to the torque of an inner law."""
 
 import dataclasses
 import functools
@@ -20,8 +20,8 @@ from plant.realtime.running import Running
 class LearntTorque(Law):
     """tau = tau of a law + sum over k of a_k cos(k pi t / T), learnt by `learn` along one path.
 
-    T is the duration of the path and t the time since the law began; from T on the learnt torque
-    stays as it is there.
+    T is the duration of the path, and t is the time since the law began. After T, the learnt
+    torque keeps its value at T.
 
     Parameters
     ----------
@@ -37,8 +37,9 @@ class LearntTorque(Law):
     Raises
     ------
     ValueError
-        Terms whose number is no multiple of the joints. `start` and simulations refuse another rig
-        and another path.
+        If the law replays or is itself a `LearntTorque`, or if the number of terms is zero or no
+        multiple of the number of joints. `block` refuses a rig with another period, gear, motor
+        gain or resolution; `require_reference` refuses another path.
 
     See Also
     --------
@@ -63,7 +64,8 @@ class LearntTorque(Law):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        # Learnt torques do not nest: `learn` adds to the terms of the outer law instead.
+        # The inner law must be a controller. To learn further, `learn` adds to the terms of this
+        # law instead of nesting it in another.
         if self.law.replays or isinstance(self.law, LearntTorque):
             raise ValueError(
                 f"law must be a controller; got {type(self.law).__name__}. Give its inner law."
@@ -75,8 +77,8 @@ class LearntTorque(Law):
             )
 
     @property
-    def period(self) -> float | None:  # type: ignore[override]  # declared, and here the law's
-        """Period of the inner law [s]; None of one that is not sampled."""
+    def period(self) -> float | None:  # type: ignore[override]  # Law declares an attribute
+        """Period of the inner law [s]; None if the inner law is not sampled."""
         return self.law.period
 
     @property
@@ -93,11 +95,11 @@ class LearntTorque(Law):
 
     @functools.cached_property
     def fields(self) -> Fields:
-        """The law's state, the torque added last [N m], the time [s], and 1 once it has begun."""
+        """State of the inner law, torque added last [N m], time [s], 1 once the law has begun."""
         return Fields(law=state_of(self.law), added=per_joint(), time=scalars(), begun=scalars())
 
     def sliding(self) -> Law:
-        """This law around an inner law without dry friction."""
+        """This law, with an inner law that compensates no dry friction."""
         return dataclasses.replace(self, law=self.law.sliding())
 
     def require_reference(self, reference: Reference) -> None:
@@ -137,7 +139,7 @@ class LearntTorque(Law):
         Raises
         ------
         ValueError
-            As the inner law; an arm that stands elsewhere.
+            If the inner law refuses the rig or the pulses, or if the arm stands elsewhere.
         """
         # The learnt torque belongs to times along the path: from another position it would push the
         # arm off the path at once.
@@ -177,8 +179,9 @@ class LearntTorque(Law):
             following = 2 * cosine * term - previous
             previous = term
             term = following
-        # The observer of the inner law compares torque with motion. With the learnt torque in its
-        # input it would estimate the missing torque again, and cancel what was learnt.
+        # The observer of the inner law compares torque with motion. If its input contained the
+        # learnt torque, the observer would estimate the missing torque again and cancel what was
+        # learnt.
         inner_torque = torque - stored.added
         commanded, memory = self.law.equations(rig, stored.law, setpoint, pulses, inner_torque, dt)
         return commanded + added, self.fields.write(n, law=memory, added=added, time=time, begun=1)

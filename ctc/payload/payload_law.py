@@ -1,8 +1,9 @@
-"""A law whose model carries a load, and a monitor of it: the payload estimator's part in the loop.
+"""A control law whose model carries a load, and a monitor of changes of that load.
 
-It is written once in casadi, as every law, so that kernels simulate it, a controller runs it, and C
-is exported of it. The load is state: ten other numbers in ``wanted`` swap the model at the next
-step, without a jump of the torque.
+It is the part of the payload estimator that runs in the loop. Like every law, it is written once in
+casadi: kernels simulate it, a controller runs it, and C code is exported from it. The load is part
+of the state: ten other numbers in ``wanted`` replace the load in the model at the next step. The
+torque then jumps only by the term that `PayloadLaw` states.
 """
 
 import copy
@@ -27,10 +28,11 @@ _TINY = 1e-12
 
 
 class _Swap(NamedTuple):
-    """A swap of the load at this sample.
+    """The models before and after a possible swap of the load at this sample.
 
-    `swapped`: whether there is one. `inertia`, `inertia_before` (n, n): of the feedback, with and
-    before it. `torque`, `torque_before` (n, 1): what the model needs along the reference [N m].
+    `swapped`: whether the load is swapped. `inertia`, `inertia_before` (n, n): what the feedback
+    uses after and before the swap. `torque`, `torque_before` (n, 1): what the model needs along the
+    reference after and before the swap [N m].
     """
 
     swapped: ca.SX
@@ -40,7 +42,10 @@ class _Swap(NamedTuple):
     torque_before: ca.SX
 
     def acceleration(self, old: ca.SX) -> ca.SX:
-        """An unexplained acceleration (n, 1), re-based: D' x' = D x + torque - torque'."""
+        """An unexplained acceleration `old` (n, 1), re-based if the load is swapped.
+
+        The new one solves ``inertia @ new = inertia_before @ old + torque_before - torque``.
+        """
         moment = self.inertia_before @ old + self.torque_before - self.torque
         return ca.if_else(self.swapped, inverse(self.inertia).solve(moment), old)
 
@@ -54,24 +59,26 @@ class _Swap(NamedTuple):
 class PayloadLaw(Law):
     """A law whose arm carries a load that can be swapped, and a monitor of changes of the load.
 
-    The state (`fields`) holds that of the law, the ten standard parameters of the load in the model
-    (`load`) and of the one that it shall have from the next step on (`wanted`).
+    The state (`fields`) holds the state of the law, the ten standard parameters of the load in the
+    model (`load`), those of the load that the next step shall use (`wanted`), and the numbers of
+    the monitor (`observer`, `slow`, `change`).
 
-    A swap keeps the disturbance torque. The accelerations in the law's state that the model did not
-    explain are re-based, D' x' = D x + model - model', with the model's torque along the reference.
-    The commanded torque then differs by (D' - D) times the feedback of the tracking error, and by
-    nothing else.
+    A swap keeps the sum of the model's torque m along the reference and the disturbance torque D x.
+    D is the inertia of the feedback, and x an acceleration in the law's state that the model did
+    not explain. It is re-based by D' x' = D x + m - m', where a prime marks the load after the
+    swap. The commanded torque then changes by (D' - D) times the feedback of the tracking error,
+    and by nothing else.
 
-    On rigid gears the law has the model that carries the load, so that its bandwidth stays. On
-    elastic gears its feedback keeps the inertia of the empty arm, since above the resonance the
-    motor does not feel the load, and a higher gain would make the gears unstable
-    (``stiffened=False``). The torque that the load needs is then fed forward beside the law, and
-    re-based likewise.
+    For rigid gears (``stiffened=True``), the law has the model that carries the load, so that its
+    bandwidth stays the same. For elastic gears (``stiffened=False``), the feedback keeps the
+    inertia of the empty arm: above the resonance the motor does not feel the load, and a higher
+    gain would make the loop unstable. The torque that the load needs is then fed forward beside the
+    law, and a swap re-bases the law's state by the torques alone.
 
-    The change is that of the disturbance torque against its own slow part, weighed by the torque of
-    1 kg of load. Its unit is the standard deviation that uncertain friction gives it, and it is
-    positive where the load grows. It begins anew after a swap, as if the model were right: a swap
-    to a wrong load is then a change.
+    The monitor (`change`) subtracts from the disturbance torque its own slow part, and weighs the
+    difference by the torque of 1 kg of load. Its unit is the standard deviation that it has under
+    `noise`, and it is positive where the load grows. After a swap, the disturbance and its slow
+    part begin at zero, as if the new model were right: a wrong new load then shows as a change.
 
     `law`: a law that holds an arm. `start_with` (10,): standard parameters of the load at the start
     (`Body.standard_parameters`). `per_kg` (10,): of 1 kg where loads are expected. `noise` (n,):
@@ -187,8 +194,9 @@ class PayloadLaw(Law):
             # is taken from the torque that acted, and added to the commanded one.
             law = self.law
             beside = needed - empty @ qdd - dynamics.h(q, qd, f)
-            # The torque that acted was commanded with the load before. A law that has an error of
-            # torque had it re-based, so that it counts as one with the load now.
+            # The torque that acted contains the share of the load before. A law with errors of
+            # torque has them re-based to the load now: then the share of the load now is
+            # subtracted, else that of the load before.
             errors = self.law.fields.places(n, TORQUE_ERROR)
             acted = torque - (beside if errors else beside + needed_before - needed)
         commanded, memory = law.equations(rig, memory, setpoint, pulses, acted, dt)
@@ -206,10 +214,10 @@ class PayloadLaw(Law):
         gains = triple_pole(self.observer, dt)
         error, rate, disturbance = correct(*predicted, innovation, gains, dt)
 
-        # Friction that differs from the model is also a disturbance, but of a constant sign between
-        # reversals: the slow part removes it. The weight projects the rest on the torque of a load,
-        # per unit of noise of each joint.
-        # 4. Its change against its slow part, weighed by the torque of 1 kg of load.
+        # 4. The disturbance torque without its slow part, weighed by the torque of 1 kg of load.
+        # Friction that differs from the model is a disturbance too, but it keeps its sign between
+        # reversals: the slow part absorbs it. The weight projects the rest on the torque of a load,
+        # in units of each joint's noise.
         lacking = D_now @ disturbance
         slow = ca.if_else(swapped, 0, stored.slow)
         slow = slow + (1 - ca.exp(-dt / self.memory)) * (lacking - slow)
@@ -231,8 +239,9 @@ class PayloadLaw(Law):
     def _rebased(self, memory: ca.SX, n: int, swap: _Swap) -> ca.SX:
         """The law's memory after a swap, so that the torque does not jump with the model."""
         fields = self.law.fields
-        # The law's roles say which numbers of its state depend on the model: accelerations that it
-        # did not explain, errors of torque (of the opposite sign), and torques of the model itself.
+        # The roles in the law's state mark the numbers that depend on the model. `_Swap` re-bases
+        # accelerations that the model did not explain. Errors of torque lose the torque that the
+        # model gains; torques of the model gain it, if the law's model carries the load.
         memory = fields.changed(memory, n, MODEL_ERROR, swap.acceleration)
         memory = fields.changed(memory, n, TORQUE_ERROR, lambda old: old + -1 * swap.gained)
         if self.stiffened:

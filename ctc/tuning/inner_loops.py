@@ -1,7 +1,8 @@
-"""Which inner loop is the quietest: the register of a servo, or the gains of a drive's frames.
+"""Which inner loop is the best: the register of a servo, or the gains that a drive's frames carry.
 
-Computed torque with its default tuning is judged above each. A stiff inner loop errs less and makes
-more torque of every count, and behind a play it cycles; a soft one leaves more to the law above it.
+Computed torque with its default tuning is simulated above each inner loop. A stiff inner loop has
+smaller errors, but it makes more torque of every encoder count, and it cycles where a gear has
+backlash. A soft one leaves more of the error to the law above it.
 """
 
 import dataclasses
@@ -35,10 +36,11 @@ from plant.parts import (
 class InnerTrial(Shown, Frozen):
     """An inner loop under the default computed torque, on samples of the uncertainty.
 
-    `register`: as it was stated, such as the value of P. `inner`: the loop. `left`, `of`: samples
-    that exceed the limit, and samples simulated. `peak`: largest tracking error of any sample
-    [pulses]. `chatter` (n,): mean change of the motors' torque from one sampling instant to the
-    next [N m]; both infinite where a loop diverged.
+    `register`: the key under which the loop was given, such as the value of P. `inner`: the loop.
+    `left`, `of`: samples that exceed the limit, and samples simulated. `peak`: largest tracking
+    error of any sample [pulses]. `chatter` (n,): mean change of the motors' torque from one
+    sampling instant to the next, mean of samples and motions [N m, or N where a joint slides].
+    `peak` and `chatter` are infinite where a loop diverged.
     """
 
     register: Any
@@ -51,13 +53,13 @@ class InnerTrial(Shown, Frozen):
     @property
     def rank(self) -> tuple[int, float]:
         """Rank of a trial; a smaller one is better: first the failing samples, then the chatter."""
-        # A loop that leaves the limit is never better than one that keeps it, however quiet.
+        # A loop with more failing samples is always worse, however quiet it is.
         return self.left, float(self.chatter.mean())
 
     @property
     def fields(self) -> str:
-        """What is written to the drives: the register, or the integers of kp and kd."""
-        # A register is written as it is; frames carry two integers for each joint.
+        """What is written to the drives: the register, or its name and the integers kp and kd."""
+        # The frames of a `MitDrive` carry no register, but kp and kd as integers, for each joint.
         if not isinstance(self.inner, MitDrive):
             return str(self.register)
         kp, kd = self.inner.whole_gains
@@ -80,9 +82,11 @@ def inner_trials(
     settings: Any,
     options: dict[str, Any],
 ) -> tuple[InnerTrial, ...]:
-    """Trials of all loops, the best first; `task_above` gives the work above a rig.
+    """Trials of all loops, the best first; none if `inner` is None.
 
-    `settings`: `ctc.tuning.search.SearchSettings`. `options`: of `Population`.
+    `inner`: loops by their register. `task_above`: makes the certification task for a rig that has
+    an inner loop. `settings`: a `ctc.tuning.search.SearchSettings`. `options`: keyword arguments
+    for `under` of the sampled `Population`.
     """
     options = {**options, "steps_per_sample": settings.check_steps}
     if inner is None:
@@ -99,7 +103,7 @@ def inner_trials(
             above = dataclasses.replace(rig, inner=loop)
             task = task_above(above, progress=False, checkpoint=None)
             law = ComputedTorque(task.found, task.rig)
-        # The same samples above each loop, so that they differ by the loop alone.
+        # Every loop is simulated with the same samples, so that trials differ by the loop alone.
         plants = task.sampled(settings.inner_samples)
         runs = [
             plants.under(law, path, duration=duration, **options).run(task.threads)
@@ -110,7 +114,7 @@ def inner_trials(
         trials.append(
             InnerTrial(
                 register=register,
-                # One number may stand for all joints; the result states each.
+                # A loop may have one number for all joints; the trial states one for each joint.
                 inner=loop.for_joints(rig.n),
                 left=int(failed.sum()),
                 of=len(failed),

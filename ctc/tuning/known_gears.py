@@ -1,11 +1,10 @@
 """What a search over a range of resonances would gain if the gears were identified.
 
-A controller for all gears of a wide range is slow, or loud. For samples of nearly one resonance
-stands computed torque that has these gears in its model, as after ``identify(...,
-elasticity=True)``.
+One controller for a wide range of gear resonances is slow, or it chatters. This module tries
+computed torque that has the gears in its model, as after ``identify(..., elasticity=True)``, on
+samples of nearly the same resonance.
 """
 
-import contextlib
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -19,13 +18,13 @@ from plant.simulation.population import Runs
 
 
 class KnownGears(NamedTuple):
-    """Computed torque with gears of this resonance [Hz] in its model, on samples near it.
+    """Result of computed torque with gears of resonance `hz` [Hz] in its model, on samples near it.
 
-    Of the bandwidths that were tried it has the one with the fewest failures, then the least
-    chatter.
+    The bandwidth is the one with the fewest failures; among equals, the one whose worst joint
+    chatters least.
 
-    `left`, `of`: samples that exceed the limit, and samples. `chatter`: of each joint, mean
-    of the samples [N m, or N].
+    `left` of the `of` samples exceed the limit. `chatter` is the mean chatter of each joint over
+    the samples [N m, or N].
     """
 
     hz: float
@@ -41,15 +40,15 @@ class KnownGearsSettings:
     Parameters
     ----------
     wide : float
-        Ratio of the ends of a range from which on it is tried.
+        Least ratio of the ends of a range (upper to lower) for which known gears are tried.
     precise : float
-        Ratio of the ends of a range that an identification leaves.
+        Ratio of the ends of the range in which an identification leaves the resonance.
     places : int
-        Resonances that are tried, from end to end.
+        Number of resonances that are tried, from end to end of the range.
     samples : int
-        Samples of each, at most.
+        Most samples that are used at one resonance.
     fewest : int
-        Samples of each, at least.
+        Fewest samples near a resonance; a resonance with fewer is skipped.
     bandwidths : tuple of float
         Bandwidths of the controllers [rad/s], from quiet to precise.
     gain : float
@@ -74,42 +73,50 @@ def with_known_gears(
     options: dict[str, Any],
     threads: int,
 ) -> tuple[KnownGears, ...]:
-    """Computed torque with the gears of the samples in its model, at places of their range.
+    """Try computed torque with known gears at several resonances of the range.
 
-    Empty where the resonance is no wide range that all joints share: of joints with ranges of their
-    own few samples have nearly the same gears. `options`: of `Population`.
+    The result is empty unless all joints share one wide range of resonances. If each joint had a
+    range of its own, few samples would have nearly the same gears in all joints. A resonance with
+    too few samples near it is left out. `options` are those of `Population`.
     """
     ranges: tuple[tuple[float, float], ...] = plants.uncertainty.resonance or ()
     if len(ranges) != 1 or ranges[0][1] < SETTINGS.wide * ranges[0][0]:
         return ()
     resonance = plants.values[:, plants.names.index("resonance")]
     low, high = ranges[0]
-    # Each place has samples on both sides.
+    # The outer places lie inside the range, so that each place can have samples on both sides.
     half = np.sqrt(SETTINGS.precise)
     tried = []
     for hz in np.geomspace(low * half, high / half, SETTINGS.places):
         # By the ratio: an interval of an identification is a factor, not a difference.
         rows = np.flatnonzero(np.abs(np.log(resonance / hz)) < np.log(half))[: SETTINGS.samples]
-        # Gears that no computed torque can have in its model are left out.
-        with contextlib.suppress(ValueError):
-            if len(rows) >= SETTINGS.fewest:
-                tried.append(_tried(plants, rows, hz, motions, options, threads))
+        if len(rows) < SETTINGS.fewest:
+            continue
+        try:
+            laws = _with_gears(plants, rows, hz, motions[0][0])
+        except ValueError:
+            continue  # no computed torque can have these gears in its model
+        tried.append(_tried(plants, laws, rows, hz, motions, options, threads))
     return tuple(tried)
 
 
-def _tried(plants, rows, hz, motions, options, threads):
-    """The best controller for one resonance [Hz], on the samples (r,) near it."""
-    # f is fitted on gears, too: the samples have that of their resonance.
+def _with_gears(plants, rows, hz, reference):
+    """Computed torque of each bandwidth, with gears of a resonance [Hz] in its model."""
+    # The fitted f depends on the gears, so the model takes the mean f of the samples near `hz`.
     arm = plants.arm.dynamics.arm(plants.f[rows].mean(axis=0))
     damping = float(np.mean(plants.uncertainty.damping_ratio))
-    # The resonance is stated at the pose in which the first motion begins.
-    start = motions[0][0](np.zeros(1)).q[0]
+    # The resonance is stated at the pose in which the motion begins.
+    start = reference(np.zeros(1)).q[0]
     gears = Elasticity.from_resonance(arm, hz, damping, drive=plants.own.drive, q=start)
+    rig = with_gears(plants.own, gears)
+    return [ComputedTorque(arm, rig, bandwidth=bandwidth) for bandwidth in SETTINGS.bandwidths]
+
+
+def _tried(plants, laws, rows, hz, motions, options, threads):
+    """The best of these laws on the samples (r,) near their resonance [Hz]."""
     names, values = plants.numbers()
     results = []
-    for bandwidth in SETTINGS.bandwidths:
-        # The model has the gears of the place, the samples those beside it.
-        law = ComputedTorque(arm, with_gears(plants.own, gears), bandwidth=bandwidth)
+    for law in laws:
         runs = Runs.joined(
             [
                 plants.under(law, path, (names, values[rows]), duration=duration, **options).run(

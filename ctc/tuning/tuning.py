@@ -52,8 +52,9 @@ _SETTINGS = tuple(
     field.name for field in dataclasses.fields(VariedSettings) if "number" in field.metadata
 )
 
-# Factor between a default and the ends of its range, and ranges of shares, whose defaults may be
-# zero. Chosen by hand: a factor of 4 reaches beyond every default of `default_gains`.
+# The range of a number to vary reaches from its default divided by this factor to its default times
+# the factor. The factor is chosen by hand, so that ranges reach beyond every default of
+# `default_gains`. Shares have fixed ranges, since their defaults may be zero.
 _FACTOR = 4.0
 _SHARES = {"dead_zone": (0.05, 1.0), "learnable": (0.05, 0.99)}
 
@@ -68,10 +69,10 @@ def _named(values: Numbers) -> Numbers:
 
 @frozen
 class Family:
-    """A law in any tuning: range of each variable, initial tunings of the search, and numbers.
+    """A law with variables to tune, their ranges, and the tunings with which the search begins.
 
     `variables`: name -> (lowest, highest). `initial`: tunings with which the search begins.
-    `numbers`: variables by name, each (T,) -> numbers of the law.
+    `numbers`: converts variables by name, each (T,) for T tunings, to numbers of the law.
     """
 
     name: str
@@ -98,20 +99,22 @@ def families(
 ) -> list[Family]:
     """The families of laws that `tune` searches, for an identified arm.
 
-    They are computed torque with observer, computed torque with PID, and feed-forward with PD.
+    They are computed torque with observer, computed torque with PID, and, unless the drive couples
+    joints, feed-forward with PD.
 
-    Computed torque with observer has the dead zone and the boost of the default for what was
-    `found`, unless they are among those to `vary`; its search begins with the default. At the
-    reference's first pose the PD gains of the joints are in proportion to their inertia.
+    Computed torque with observer takes its dead zone and its boost from the default for what was
+    `found`, unless `vary` names them; its search begins with the default. The PD gains of the
+    joints are in proportion to their inertia at the reference's first pose.
     """
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", IdentificationWarning)  # `tune` has given it already
         # An identification has a better default than its arm: it knows how sure f is.
         default = ComputedTorque(found, rig)
-    # A bandwidth beyond 0.6 rad per period has too few samples; a filter may be five times faster.
+    # A bandwidth above 0.6 rad per period has too few samples. A roll-off may be five times faster,
+    # and the filter of a PD ten times.
     fastest = 0.6 / rig.period
     corner = 3.0 / rig.period
-    # No PD with a gain for each motor works on motors that turn several joints.
+    # `PD` has one gain for each motor, which does not suit motors that turn several joints.
     if rig.drive.coupling.matrix:
         return [
             _with_observer(arm, rig, default, fastest, vary),
@@ -152,7 +155,8 @@ def _with_observer(
     }
     # A dead zone of zero, which has no logarithm, begins at the least of its range.
     usual = {name: max(value, ranges[name][0]) for name, value in usual.items()}
-    # The default is for the arm as identified; stated gears may allow far less.
+    # The default suits the arm as identified; with stated gears, the bandwidth may have to be far
+    # lower.
     slower = [{"bandwidth": w, "observer_ratio": 1.5} for w in (20.0, 60.0, 100.0, 150.0, 200.0)]
     gains = [{"bandwidth": default.bandwidth, "observer_ratio": default.observer_ratio}, *slower]
     return Family(
@@ -288,19 +292,20 @@ class Tuning(Shown, Frozen):
     Attributes
     ----------
     law : Law
-        The controller with the least chatter that keeps its limit on all validation samples but
-        those that may exceed it; where none does, the one with the fewest failures.
+        The controller with the least `Trial.noise` among those that keep the limit on all but the
+        allowed number of validation samples. If there is none, the one with the least share of
+        failing samples beyond the allowed number (`Trial.rank`).
     trials : tuple of Trial
         The best of each family.
     certificate : Certificate or Certificates
         Of the controller, on samples of its own; of a mapping of motions, one for each.
     fresh : int
-        Validation samples of a trial that holds.
+        Number of validation samples; a trial that does not hold may have fewer.
     interrupted : bool
-        Whether Ctrl-C ended the search: the controller is the best until then.
+        Whether Ctrl-C ended the search; the controller is then the best one found before.
     known_gears : tuple of KnownGears
-        Over a wide range of resonances: computed torque that has the gears in its model, at places
-        of the range.
+        For a wide range of resonances: results of computed torque whose model has the gears, at
+        several resonances in the range.
     inner : tuple of InnerTrial
         The inner loops that were stated, the chosen one first.
     """
@@ -368,7 +373,8 @@ class Tuning(Shown, Frozen):
             f" {best.left} of {best.of} exceed it ({percent(share)}).",
             False,
         )
-        # Few samples of a certificate may all keep a limit that some of more samples exceed.
+        # A certificate with few samples may have no failure, although some of the more
+        # numerous samples of the search exceed the limit.
         count = len(self.certificate.plants)
         if not self.certificate.failures:
             yield (
@@ -383,7 +389,8 @@ class Tuning(Shown, Frozen):
             yield "the search was interrupted: this is the best controller until then"
         if not self.holds:
             yield from self._failing(samples)
-            # Peak and chatter of different tunings: what the limit costs, and what it would save.
+            # The least peak shows which limit could be kept, and the least chatter how quiet a loop
+            # could be without the limit; each has its own tuning.
             closest = min(self.trials, key=lambda trial: trial.peak)
             quietest = min(self.trials, key=lambda trial: trial.noise)
             yield f"least peak: {closest.peak:.0f} pulses, {closest.family} ({closest.tuned})"

@@ -43,23 +43,24 @@ class FrictionTrialSettings:
     speeds : tuple of float
         Stribeck speeds that are tried, relative to the usual speed of each joint.
     finer : tuple of float
-        Ratios to a Stribeck speed that predicts better, which are tried then: of all joints, then
-        of one after another.
+        Ratios to a Stribeck speed that predicts better. They are tried next, first for all joints
+        together, then for one joint after another.
     saturations : tuple of float
-        Speeds from which on viscous friction saturates that are tried, in the same way.
+        Tried speeds at which viscous friction saturates, relative to the usual speed of each joint.
     wider : tuple of float
-        Ratios to such a speed, tried like the finer ones: a logarithm is less sharp than a peak.
+        Ratios to a saturation speed that predicts better, tried like `finer`. They spread wider,
+        since a logarithm depends less sharply on its speed than the Stribeck peak.
     rises : tuple of float
-        Speeds at which Coulomb friction has risen to half that are tried for each joint, relative
-        to its usual speed.
+        Tried speeds at which Coulomb friction reaches half its level, relative to the usual speed
+        of each joint.
     rounds : int
-        Gauss-Newton steps from there, with all other values.
+        Number of Gauss-Newton steps that then refine these speeds together with all other values.
     step, most : float
-        Step of the central differences of the logarithm of these speeds, and its largest change in
-        a Gauss-Newton step.
+        Step in the logarithm of these speeds for central differences, and the largest change of
+        that logarithm in one Gauss-Newton step.
     slowest : float
-        Share of its usual speed from which on a joint shows such a rise: below it, friction that
-        holds a joint at rest may be anything.
+        Lowest speed, relative to the usual speed of a joint, that shows such a rise. Slower motion
+        does not, since the friction that holds a joint at rest may have any value.
     """
 
     clear: float = 3.0
@@ -85,9 +86,10 @@ class FrictionTrial(Shown):
     Attributes
     ----------
     kind : str
+        One of `KINDS`.
     share : tuple of float or None
-        Stribeck speed, or speed at which viscous friction saturates, of each joint, in its usual
-        speed.
+        Speed of each joint that shapes the friction (Stribeck, saturation or rise), relative to its
+        usual speed.
     better : float
         Share of the squared error, of torques in blocks kept aside, that it takes away; negative
         where it adds.
@@ -112,7 +114,7 @@ class FrictionTrial(Shown):
 
     @property
     def clear(self) -> bool:
-        """Whether it predicts better by more than chance, and by more than does not matter."""
+        """Whether `errors` and `better` both exceed their thresholds in the settings."""
         return self.errors > SETTINGS.clear and self.better > SETTINGS.enough
 
     @property
@@ -132,11 +134,11 @@ class FrictionTrial(Shown):
         Raises
         ------
         ValueError
-            Of a second Stribeck speed, or a second saturation.
+            If the trial is of Stribeck or saturating friction, and the drive states one already.
         """
-        # Joints that were not tried have none. Levels are on the shafts, a curve is of the motors.
+        # A joint that was not tried gets level 0. Levels are of the shafts, a curve of the motors.
         levels = np.nan_to_num(self.levels)
-        # A drive refuses negative friction; a joint with a little of it has none.
+        # A drive refuses negative friction, so a slightly negative level becomes 0.
         if self.kind == LOAD_DEPENDENT:
             stated = 0.0 if drive.load_friction is None else drive.load_friction.share
             return replace(drive, load_friction=stated + np.maximum(levels, 0.0))
@@ -190,9 +192,9 @@ class FrictionTrial(Shown):
 
 
 def gain(base: Floats, gains: Floats) -> tuple[float, float]:
-    """Mean gain of blocks (S,) relative to their mean loss `base`, and in standard errors.
+    """Mean of `gains` (S,), relative to the mean of the losses `base` (S,), and in standard errors.
 
-    NaN of a single block, which has no standard error.
+    Both are NaN with fewer than two finite gains, which have no standard error.
     """
     gains = gains[np.isfinite(gains)]
     if len(gains) < 2:
@@ -215,11 +217,11 @@ def friction_trials(
 ) -> tuple[FrictionTrial, ...]:
     """Trials of kinds of friction, best first.
 
-    The last columns of the systems are those of each candidate, one for each of these joints.
+    The last columns of each system belong to the candidates, in order: one for each of `joints`.
 
-    `seconds` (R,): length of each log. `gap` [s]: around a block, which is left out with it.
-    `weights` (R, n). `usual` (n,): speeds that a share is of [rad/s]. `units`: of the joints'
-    torques. `viscous`: places of the common columns that saturating friction replaces.
+    `seconds` (R,): length of each log. `gap` [s]: margin around a block that is left out with the
+    block. `weights` (R, n). `usual` (n,): speeds [rad/s] to which shares are relative. `units`: of
+    the joints' torques. `viscous`: indices of the columns that saturating friction replaces.
     """
     size = len(joints)
     count = systems[0].regressor.shape[2] - len(candidates) * size
@@ -248,10 +250,10 @@ def friction_trials(
         better, errors = gain(base, base - losses)
         if not np.isfinite(errors):
             continue
-        # The median: a block without slow motion may make a level any number.
+        # The median over the fits: a fit to data without slow motion may give any level.
         levels = np.full(weights.shape[1], np.nan)
         levels[list(joints)] = np.nanmedian(fits, axis=0)
-        # A negative level is another kind of friction; an offset may have either sign.
+        # A negative sum of levels is not this kind of friction; an offset may have either sign.
         if kind != ASYMMETRIC and np.nansum(levels) < 0:
             continue
         trials.append(

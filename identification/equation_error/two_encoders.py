@@ -1,12 +1,13 @@
 """Stiffness and damping of gears with an encoder on either side, by deflection against torque.
 
-With stiffness k and damping d the torque is k times the deflection and d times its rate; so the
-deflection is the torque over k, less d / k^2 times the torque's rate, beside an offset: two sensors
-have zeros of their own. Torques follow from f along the motion of the links. Links without an
-encoder are where their motors are, less what winds up the gears that the rig states.
+With stiffness k and damping d, the torque is k times the deflection plus d times its rate. To first
+order, the deflection is thus the torque over k, less d / k^2 times the torque's rate, plus an
+offset, since the two encoders have different zeros. The parameters f of the dynamics give the
+torques along the motion of the links. A link without an encoder follows its motor, less the
+deflection of its gear if the rig states the elasticity.
 
-Intervals count how blocks of a log, and logs, differ (`weighted`), and the covariance of f, which
-all logs share.
+Intervals include the differences between blocks of a log and between logs (`weighted`), and the
+errors that all logs share: those of the torques and of f.
 """
 
 from collections.abc import Sequence
@@ -26,8 +27,8 @@ from plant.motion.reference import Motion
 from plant.parts.fields import Bools, Floats
 from plant.parts.sums import product, products
 
-# Relative standard deviation of torques beside that of f, chosen by hand: unstated gears, lengths,
-# direction of gravity.
+# Relative standard deviation of the torques from errors other than those of f: unstated gears,
+# wrong lengths, a wrong direction of gravity. Chosen by hand.
 _TORQUES = 2e-3
 
 
@@ -70,16 +71,19 @@ class Deflections(NamedTuple):
         return compared(signals, self.motors.qd, rig.period, filtering, self.record.valid)
 
     def behind(self, dynamics: Dynamics, f: Floats, compliance: Floats) -> "Deflections":
-        """The same with the zeros of the links where gears of this compliance (n,) have them."""
+        """The same, with links shifted to the mean deflection of gears of this compliance (n,)."""
         coupling = self.record.rig.drive.coupling
         mean = coupling.shaft((self.motors.q - self.links.q).mean(axis=0))
-        # The mean torque, that of gravity, winds the gears up on average.
+        # The mean torque, mostly that of gravity, causes the mean deflection.
         wound = compliance * self._passed(dynamics, f)[0].mean(axis=0)
         q = self.links.q + coupling.joint(mean - wound)
         return self._replace(links=self.links._replace(q=q))
 
     def wound(self, dynamics: Dynamics, f: Floats) -> System:
-        """Deflections of the shafts; columns: torque on each, its rate, and the regressor of f."""
+        """A system with the shafts' deflections in place of torques.
+
+        Its columns are the torque on each shaft, the rate of this torque, and the regressor of f.
+        """
         rig = self.record.rig
         filtering = filtering_of(self.record.rig, self.band)
         coupling = rig.drive.coupling
@@ -101,9 +105,9 @@ class Deflections(NamedTuple):
         return replace(system, used=system.used & self.seen)
 
     def _passed(self, dynamics, f):
-        """Torque (N, n) that each gear passes to the links, and its regressor on the joints.
+        """Torque (N, n) that each gear passes to the links, and the regressor (N, n, p) of f.
 
-        The regressor is (N, n, p).
+        The torque is that on the shafts; the regressor is that of joint torques, with the rotors.
         """
         drive = self.record.rig.drive
         links = self.links
@@ -127,9 +131,9 @@ class Wound(NamedTuple):
 def fit_wound(
     dynamics: Dynamics, records: Sequence[Deflections], f: Floats, covariance: Floats | None = None
 ) -> tuple[Wound, list[Wound], TorqueFit]:
-    """Gears by all records together, and by each alone; and the fit.
+    """Gears from all records together, gears from each record alone, and the fit to all records.
 
-    All records have link encoders at the same gears. `covariance` (p, p): of f.
+    All records must have link encoders at the same gears. `covariance` (p, p): of f.
     """
     seen = np.flatnonzero(records[0].seen)
     n = dynamics.n
@@ -138,8 +142,8 @@ def fit_wound(
     )
     seconds = np.array([len(shown.record) * shown.record.rig.period for shown in records])
 
-    # 1. Fit twice: at first links have the mean position of their motors; then the one behind gears
-    # of the compliances that were fitted.
+    # 1. Fit twice: first with the mean deflection of each gear at zero, then with the mean
+    # deflection that follows from the compliance of the first fit.
     compliance = np.zeros(n)
     count = len(seen)
     for refined in (False, True):
@@ -184,7 +188,7 @@ def _centred(x, used):
 
 def _beside_offset(system, seen):
     """One record's equations without their offset, with a compliance and a damping per gear."""
-    # The two encoders of a gear have zeros of their own: the offset is the record's, and no news.
+    # The two encoders have different zeros, so the offset of a record says nothing about the gear.
     columns = _centred(system.regressor[:, :, :2], system.used)
     count = len(seen)
     regressor = np.zeros((*system.torque.shape, 2 * count))
@@ -206,8 +210,8 @@ def _moved_by_f(systems, seen, compliance):
                 for columns, system in zip(centred, systems, strict=True)
             ]
         )
-        # The implicit function of the normal equations: a change of the torque acts like one of the
-        # deflection by c times it.
+        # Differentiate the normal equations: a change of the torque acts like a change of the
+        # deflection by -c times it. The damping term and the residual are neglected.
         of_gear = rows[:, :2] * (1, -1)
         moves.append(-np.linalg.solve(products(of_gear), product(of_gear.T, c * rows[:, 2:])))
     return np.swapaxes(moves, 0, 1).reshape(2 * len(seen), -1)

@@ -25,11 +25,11 @@ from plant.simulation.followed_path import is_rounded
 
 @dataclass(frozen=True, kw_only=True)
 class StepwiseSettings:
-    """Steps and economies of the forward selection; log odds alone select.
+    """Which causes the forward selection fits, and with what step; log odds alone select a cause.
 
-    The values were chosen by hand. They are held by ``tests/benchmarks/detection.py`` (the cause
-    that comes first, by robot), ``second_reading.py causes`` (three laws) and ``healthy.py`` (0 of
-    200 right logs accused).
+    The values were chosen by hand. Benchmarks check them: ``tests/benchmarks/detection.py`` (which
+    cause comes first for each robot), ``second_reading.py causes`` (three laws) and ``healthy.py``
+    (none of 200 logs without a fault is accused).
 
     Parameters
     ----------
@@ -50,17 +50,18 @@ class StepwiseSettings:
 
 SETTINGS = StepwiseSettings()
 
-# No model is exact: an accepted cause leaves a residue that looks like another cause, of about a
-# twentieth of its size. Chosen by hand.
+# No model is exact: an accepted cause leaves a residue of about a twentieth of its own size, which
+# looks like another cause. The share was chosen by hand.
 SELECTION = SelectionSettings(traces=0.05)
 
 
 def detect(problem: Problem, fit: Fit, outcome: Outcome, delay: float = 0.0) -> Detection:
-    """Test a fit to a problem.
+    """Test the model of a fit for the causes that contradict it.
 
-    `fit`: the values at which the optimisation starts. The model is fitted again, to the records
-    held out as well, and to parts of long records. `delay`: a delay of the counts [samples] that
-    another test suggests, 0 if none. A test that fails returns its reason and does not raise.
+    `fit`: the values at which the optimisation starts. The model is fitted again; this fit includes
+    the records held out and takes parts of long records. `delay`: a delay of the counts [samples]
+    that another test suggests, 0 if none. If a test raises a ValueError, the result holds its text
+    as `reason`; an error in the variance between records is raised.
     """
     try:
         search = _Search(problem, fit, outcome.rounding)
@@ -132,16 +133,17 @@ class _Accepted:
 
     @property
     def candidate(self) -> Candidate:
-        """The same for the selection."""
+        """This cause as a candidate of the selection."""
         hypothesis: Any = BY_NAME[self.sign.name]
         return Candidate(hypothesis, (), 0.0, self.sign.log_odds, self)
 
 
 def _settled(trials: list[_Accepted]) -> list[_Accepted]:
-    """The same causes, fitted with sensitivities of their own and compared in one unit.
+    """The same causes, each fitted with its own sensitivities, with chi-squares in a common unit.
 
-    Trial fits use the sensitivities of the previous optimum. Their errors exceed the differences
-    between causes that explain nearly the same, such as late counts and another friction.
+    Trial fits use the sensitivities of the previous optimum. The errors of these fits exceed the
+    differences between causes with nearly the same effect, such as late counts and another
+    friction.
     """
     fits = [trial.fit for trial in trials if trial.fit is not None]
     optima = [
@@ -188,7 +190,7 @@ class _Search:
         searched = records[: len(problem.records)]
         known = rows_of_parts(rounding, searched, model.prior.count)
         if known is not None:
-            # Of records held out it was not simulated.
+            # The rounding of the records held out was not simulated.
             model.rounding[: len(known)] = known
         # Numbers that the rig leaves out are zero and, with a step of 0, not varied yet.
         extra = np.zeros(len(model.extra))
@@ -259,8 +261,9 @@ class _Search:
     def detection(self, delay, *, coarse=False):
         """Select the causes one after another.
 
-        `delay`: worth a trial whatever its score test says; 0 if none is. `coarse`: give None where
-        a test is significant, which may be an error of integration.
+        `delay`: a delay [samples] that the first round tries whatever its score test says, unless a
+        path is rounded to counts; 0 if none. `coarse`: return None if a test is significant, since
+        an error of integration may be the reason.
         """
         # Read this before any cause is accepted: later models would state their own findings.
         stated = self.at.model.stated()
@@ -299,7 +302,7 @@ class _Search:
         )
 
     def _candidates(self, point, signs):
-        """The causes that may be beside those of a point; the likeliest ones with settled fits."""
+        """Candidates to join the causes of a point. If several contend, `_settled` refits them."""
         trials = [*self._fitted(point, signs)]
         limit = SETTINGS.contending * max((trial.sign.log_odds for trial in trials), default=0.0)
         close = [trial for trial in trials if trial.fit and trial.sign.log_odds > limit > 0]
@@ -309,7 +312,7 @@ class _Search:
 
     def _fitted(self, point, signs):
         """Trial fits of these causes beside those of a point."""
-        # The last cause cannot be fitted, so its effect cannot be removed: the selection ends.
+        # If the last cause cannot be fitted, its effect cannot be removed, so the selection ends.
         if point.causes and BY_NAME[point.causes[-1].name].refit is None:
             return
         signs = [sign for sign in signs if sign.significant and _may_follow(sign, point.causes)]
@@ -353,7 +356,7 @@ class _Search:
 
 
 def _suggested(sign, delay):
-    """A sign; that of a delay with the size that another test suggests, and infinite odds."""
+    """The sign; that of the delay gets a suggested `delay` as value and an infinite chi-square."""
     if not delay or sign.name != "delay":
         return sign
     return replace(sign, values={"delay": delay}, chi_square=np.inf)

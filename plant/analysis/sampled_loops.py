@@ -1,7 +1,8 @@
 """The loops of all joints under a sampled law, linearised about an arm held at a pose.
 
-By the law's own equations and the simulator's own sub-step. The encoder does not round, the joint
-slides one way (viscous friction acts, dry friction does not), and the amplifier is below its limit.
+The matrices come from the law's own equations and the simulator's own sub-step. The encoder does
+not round, and the amplifier is below its limit. Viscous friction acts; dry friction is left out,
+since it is constant while a joint slides one way.
 """
 
 from collections.abc import Mapping
@@ -16,12 +17,12 @@ from plant.mechanics.arm import Arm
 from plant.parts.arguments import array, instance
 from plant.simulation.closed_loop import ClosedLoop
 
-# Sub-steps per sample, as many as `simulate` calls nearly converged: the matrices are those of the
-# sampled arm, not of a coarse integration.
+# Sub-steps per sample. `simulate` describes this number as nearly converged, so that the matrices
+# are those of the sampled arm, not of a coarse integration.
 _SUB_STEPS = 16
 
-# A constant state, such as parameters at rest, has the eigenvalue 1; rounding puts it outside 1 by
-# less than this.
+# A constant state, such as parameters at rest, has the eigenvalue 1. Rounding moves this eigenvalue
+# out of the unit circle by less than this number.
 KEPT = 1e-9
 
 Matrix = NDArray[np.float64]
@@ -30,14 +31,15 @@ Matrix = NDArray[np.float64]
 class SampledLoops:
     """Linearised loops of all joints, under a law with a period, about a pose (n,) at rest [rad].
 
-    The pose is zeros by default. ``names`` are the numbers of the closed loop, which `matrices` may
-    change; ``period`` is the law's [s].
+    The pose is zeros by default. ``names`` are the names of the numbers of the closed loop;
+    `matrices` can give these numbers other values. ``period`` is the period of the law [s].
     """
 
     def __init__(self, arm: Arm, rig: Rig, law: Law, pose: ArrayLike | None = None) -> None:
         instance("rig", rig, Rig, "Pass the rig that the law drives.")
         n = rig.n
-        # Linear: no rounding, no dry friction of the arm, none that the law compensates.
+        # For a linear loop, the encoder does not round, the arm has no dry friction, and the law
+        # compensates none.
         rig = smooth_rig(rig)
         law = law.sliding()
         if pose is None:
@@ -68,8 +70,8 @@ class SampledLoops:
         self._moving = moving
         places = loop.state_fields.at(n)
         rows = [*moving, *(places["torque"] if block.sent is None else places["sent"])]
-        # What the law commands moves the arm, the torque applied last or the frame sent last: its
-        # rows and columns are kept beside those of the motion.
+        # The frame sent last moves the arm, or the torque applied last if the law sends no frames.
+        # The Jacobian keeps the rows and columns of this input beside those of the motion.
         jacobian = ca.jacobian(following, state)[rows, rows]
         self._slope = ca.Function("slope", [state, numbers], [jacobian])
 
@@ -91,11 +93,11 @@ class SampledLoops:
             self._sent, self._by_torque = (matrix.full() for matrix in sent)
 
     def matrices(self, numbers: Mapping[str, float] | None = None) -> tuple[Matrix, Matrix, Matrix]:
-        """A (m, m), B (m, n), C (n, m), from the counts of the law to the positions [pulses].
+        """A (k, k), B (k, n), C (n, k), from the counts that the law reads to positions [pulses].
 
-        States: q, qd (with elastic gears the motors', then the links'), currents that lag, the
-        law's, and the torque applied last. All loops are closed by A + B C. With other numbers of
-        the rig, by name, the law stays.
+        The k states are q, qd (with elastic gears the motors', then the links'), currents that lag,
+        the states of the law, and the torque applied last. A + B C closes all loops. `numbers`
+        gives the plant other values by name (see ``names``); the law keeps its own.
         """
         loop = self._loop
         n = self.rig.n
@@ -119,8 +121,9 @@ class SampledLoops:
         moved = np.linalg.matrix_power(self._slope(at_rest, values).full(), loop.steps_per_law)[:m]
         by_torque = moved[:, m:] @ self._by_torque
 
-        # 2. Together with the law, whose torque (n rows first, then its state) acts on the arm. The
-        # torque applied last is a state of its own, since the law may depend on it.
+        # 2. The arm together with the law. The first n rows of the law give the torque, which acts
+        # on the arm; the other rows give the next state of the law. The torque applied last is a
+        # state of its own, since the law may depend on it.
         law_by_state, law_by_torque, law_by_pulses = self._law
         law = np.hstack([np.zeros((len(law_by_state), m)), law_by_state, law_by_torque])
         A = np.vstack([by_torque @ law[:n], law[n:], law[:n]])
@@ -158,7 +161,8 @@ def held(
     s = ca.SX.sym("own", len(block.initial))
     weight = arm.dynamics.h(q, ca.SX.zeros(n), arm.f) - rig.spring_torque(q)
     torque = weight + rig.drive.friction(ca.SX.zeros(n))
-    # An inner loop bears a part of the weight by its distance from the pose.
+    # An inner loop bears a part of the weight, in proportion to the distance of the arm from the
+    # pose.
     inner = law.rig_of_frames(rig).inner
     if inner is not None:
         coupling = rig.drive.coupling
@@ -172,7 +176,8 @@ def held(
     residual = ca.vertcat(commanded - torque, following - s)
     newton = ca.Function("newton", [x], [residual, ca.jacobian(residual, x), torque, following])
     point = np.concatenate([pose, block.initial])
-    # A law may treat its first samples apart, by a flag in its state: two steps pass them.
+    # A law may treat its first samples differently, as a flag in its state tells. Two steps pass
+    # these samples.
     for _ in range(2):
         point[n:] = newton(point)[-1].full().ravel()
     for _ in range(50):

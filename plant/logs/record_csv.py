@@ -1,4 +1,4 @@
-"""A record as a lossless CSV file, and plain CSV files of time, reference and error [pulses]."""
+"""Records as lossless CSV files, and plain CSV files of t [s], reference and error [pulses]."""
 
 import json
 from collections.abc import Mapping
@@ -17,7 +17,7 @@ from plant.parts.plain import from_plain
 
 # How a file of `write` begins.
 _BEGIN = b'# {"onepulse":'
-# Field of a record with a number per joint -> what its columns are called, and their unit.
+# Each field of a record with one column per joint -> the name and the unit of its columns.
 COLUMNS = {
     "reference_pulses": ("reference", "pulses"),
     "error_pulses": ("error", "pulses"),
@@ -33,7 +33,7 @@ COLUMNS = {
 def write(record: Any, path: str | Path) -> None:
     """Write a record. Line 1 is ``#`` and a JSON object, line 2 names columns and units."""
     parts = {name: getattr(record, name) for name in ("rig", "law", "reference")}
-    # The version stands in the header, so that a later format can be told from this one.
+    # "onepulse" holds the version of the format, which tells this format from later ones.
     header = {
         "onepulse": 1,
         **{name: None if part is None else part.describe() for name, part in parts.items()},
@@ -48,7 +48,7 @@ def write(record: Any, path: str | Path) -> None:
         if value is not None:
             names += [f"{name}_{i + 1} [{unit}]" for i in range(record.n)]
             columns.append(value)
-    # Weights of 1 are the default, and most files have no such column.
+    # The column of weights is left out if all weights are 1, the default.
     if (record.valid != 1).any():
         names.append("valid [1]")
         columns.append(record.valid[:, None])
@@ -60,7 +60,7 @@ def write(record: Any, path: str | Path) -> None:
 
 
 def is_own(path: str | Path) -> bool:
-    """Whether `write` wrote a file."""
+    """Whether `path` is a file that begins as `write` begins its files."""
     if not Path(path).is_file():
         return False
     with open(path, "rb") as file:
@@ -89,7 +89,7 @@ def read(
         raise ValueError(
             f"cannot be read: rig of a record must be a Rig; got {rig!r:.60}. Pass rig=."
         )
-    # Columns of this format carry their unit in brackets; a plain file may have any names.
+    # Names of this format have a unit in brackets; a plain file may use any names without [.
     named = names is not None and any("[" in name for name in names)
     return {
         "t": table[:, 0],
@@ -103,7 +103,7 @@ def read(
 
 
 def _require_finite(path: str | Path, names: list[str] | None, table: Floats) -> None:
-    """Refuse a cell that is no finite number, by its line; sensors of links may have none."""
+    """Refuse the first cell that is not finite and name its line; link columns are exempt."""
     links = [name.startswith(COLUMNS["link_counts"][0]) for name in names or [""] * table.shape[1]]
     broken = np.argwhere(~np.isfinite(table) & ~np.array(links))
     if not len(broken):
@@ -135,7 +135,7 @@ def _plain(table: Floats, rig: Rig) -> dict[str, Floats]:
     # A fraction shows that angles were written in place of counts.
     broken = np.argwhere(np.abs(table[:, 1:] - np.trunc(table[:, 1:])) > 0)
     if len(broken) and not rig.encoder.smooth:
-        # The time was not tested, so columns of the file start one later.
+        # The test left out column 0, the time, so the index of the column grows by one.
         row, column = broken[0] + (0, 1)
         value = f"got {table[row, column]:g} in row {row}, column {column + 1}"
         raise ValueError(
@@ -157,7 +157,7 @@ def _named(names: list[str], table: Floats, n: int) -> dict[str, Floats]:
             raise ValueError(
                 f"has an unknown column {name!r:.40}; known are {', '.join(places)}. Rename it."
             )
-        # Two columns of one name would leave the choice to their order.
+        # If a name came twice, the later column would silently replace the earlier one.
         if name in names[1:column]:
             raise ValueError(f"has column {name!r} twice; each may come once. Drop one.")
         field, joint = places[name]
@@ -175,7 +175,7 @@ def _named(names: list[str], table: Floats, n: int) -> dict[str, Floats]:
 
 def _header(count: int, line: str) -> dict[str, Any]:
     try:
-        # Any comment may start with #; only a JSON object is a header.
+        # Every comment starts with #; only a comment that is a JSON object is a header.
         header = json.loads(line[1:])
     except (ValueError, RecursionError):
         return {}  # a comment

@@ -78,7 +78,7 @@ class Chain(Part):
                 f"links must have names of their own; {twice[0]!r} comes twice. Rename one."
             )
         gravity = array("gravity", self.gravity, (3,), advice="Give m/s^2, such as (0, 0, -9.81).")
-        # Bodies are optional, since equations need the geometry alone; then all links have one.
+        # Bodies are optional, since equations need only the geometry; if any is given, all must be.
         bodies = tuple(self.bodies) if np.iterable(self.bodies) else (self.bodies,)
         complete = len(bodies) == len(links) and all(isinstance(body, Body) for body in bodies)
         if bodies and not complete:
@@ -121,15 +121,15 @@ class Chain(Part):
     def tilted(self, rotation: ArrayLike) -> Chain:
         """The same chain on a tilted base.
 
-        The rotation (3, 3) has the axes of the base as columns, in a frame whose z axis points up.
+        The columns of the rotation (3, 3) are the tilted base's axes in the present base frame.
         """
         placement = Placement(rotation=rotation)
-        # R^T turns gravity from the level frame into that of the tilted base.
+        # R^T turns gravity from the present base frame into that of the tilted base.
         gravity = np.array(placement.rotation).T @ np.array(self.gravity)
         return dataclasses.replace(self, gravity=gravity)
 
     def coupled(self, coupling: Coupling) -> Chain:
-        """The same chain with the coupling of its `Drive`."""
+        """The same chain with this coupling, such as that of its `Drive`."""
         return dataclasses.replace(self, coupling=coupling)
 
     def with_rotors(self, drive: Any) -> Chain:
@@ -139,7 +139,7 @@ class Chain(Part):
                 "bodies must be known to get rotors; this chain has none. Give the Chain its"
                 " bodies."
             )
-        # Said here: rotors of a shorter drive would be paired with the first links.
+        # Checked here, since `zip` below would refuse another size without a helpful message.
         if drive.n != self.n:
             raise ValueError(
                 f"drive must have {self.n} joints like the chain; got {drive.n}. Use a matching"
@@ -153,17 +153,17 @@ class Chain(Part):
     def carrying(self, body: Body, link: int | str = -1) -> Chain:
         """The same chain with a tool or a load fixed to a link, the last one by default.
 
-        The frame of the body is that of the body of the link. The link is an index from 0, or a
-        name.
+        The body is given in the frame of the link's own body. The link is given by its index from
+        0 or by its name.
         """
-        # Joined with the body of the link, so that f, which sees their sum alone, counts both.
+        # The two bodies are joined, since the equations of motion contain only their sum.
         instance("body", body, Body, "Give mass and com; a point mass needs no inertia.")
         if not self.bodies:
             raise ValueError(
                 "bodies must be known to carry one more; this chain has none. Give the Chain its"
                 " bodies."
             )
-        # By name where a link has one, since places change when a model file grows.
+        # A link may be given by its name, since its index changes when a model file grows.
         names = [carrier.name for carrier in self.links]
         if isinstance(link, str):
             link = names.index(choice("link", link, names))
@@ -194,12 +194,13 @@ class Chain(Part):
         path : str or Path
         joints : sequence of str, optional
             Names of the chain's joints, base first; by default all that move, if they form one
-            chain. Other joints that move are held at zero and lumped with the link that carries
-            them, like fixed joints. So are, unless named, joints that mimic another one, and those
-            that they mimic: a gripper's; inside the chain they are refused.
+            chain. Other joints that move are held at zero, like fixed joints, and what they move
+            is lumped with the link that carries them. Joints that mimic another joint, and the
+            joints that they mimic (those of a gripper), are also held unless they are named. Inside
+            the chain, such joints are refused.
         base, tip : str, optional
-            Names of links, in place of joints: the joints between them. By default the base is that
-            of the file.
+            Names of two links, in place of `joints`: the chain has the joints between these links.
+            The default `base` is the base link of the file.
         gravity : (3,) array_like
             In the frame of the file's base link.
 
@@ -238,12 +239,13 @@ class Chain(Part):
     ) -> Chain:
         """A chain, with bodies, from a MuJoCo model of hinges and slides.
 
-        As `from_urdf`, with the file's gravity, rotors (``armature``) and `limits` (``range``,
-        ``actuatorfrcrange``, ``forcerange`` of the actuators); of damping and frictionloss nothing
-        is read (they are the `Drive`'s). A file may have anything beside the chain. Refused are
-        springs, tendons and equalities that act on its joints or between its bodies, free and ball
-        joints within it, fluids, and bodies of it whose mass comes from geoms. ``gravcomp`` is a
-        controller's: the bodies have their weight, and a warning says so.
+        The parameters are those of `from_urdf`. The file gives the gravity, the rotors
+        (``armature``) and the `limits` (``range``, ``actuatorfrcrange``, ``forcerange`` of the
+        actuators). Damping and frictionloss are not read: they belong to the `Drive`. A file may
+        have anything beside the chain. This method refuses springs, tendons and equalities that act
+        on the chain's joints or between its bodies, free and ball joints within the chain, fluids,
+        and bodies of the chain whose mass comes from geoms. It ignores ``gravcomp``, which belongs
+        to a controller, and warns that the bodies keep their weight.
         """
         model = read_mjcf(path)
         names = [joint.name for joint in model.chain_joints(joints, base, tip)]
@@ -264,8 +266,9 @@ class Chain(Part):
         Parameters
         ----------
         rows : sequence of dict
-            alpha_i, a_i, d_i, and optionally theta, prismatic and name, per joint: the frame i is
-            RotZ(theta + q) TransZ(d) TransX(a) RotX(alpha) in the frame i - 1.
+            One row per joint, with alpha, a, d, and optionally theta, prismatic and name. The frame
+            i is RotZ(theta + q) TransZ(d) TransX(a) RotX(alpha) in the frame i - 1; a prismatic
+            joint adds q to d, not to theta.
         gravity : (3,) array_like
         bodies : tuple of Body, optional
             Given in the frames of the standard table, which sit at the far end of their links.

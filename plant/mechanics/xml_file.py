@@ -16,11 +16,11 @@ from plant.parts.files import read_bounded
 
 Edit = tuple[int, int, bytes]  # start and stop of the bytes to replace, and the new bytes
 
-# Bytes of a file at most: the largest real ones have a few hundred thousand. A limit, since a file
-# of unknown origin may be of any size.
+# Largest size of a file in bytes; the largest real files have a few hundred thousand bytes. The
+# limit is needed because a file of unknown origin may be of any size.
 _LARGEST = 5 << 20
 
-# Elements within each other at most: a chain of 40 bodies has 40.
+# Largest depth of nested elements; a chain of 40 nested bodies adds 40 to the depth.
 _DEEPEST = 200
 
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
@@ -52,7 +52,7 @@ class Element:
 
     @property
     def _name_end(self) -> int:
-        """End of the tag's name in the bytes of the file, behind the <."""
+        """Index of the first byte after the tag's name, which follows the <."""
         return self.start + 1 + len(self.tag.encode())
 
     def attribute_edit(self, data: bytes, name: str, value: str | None) -> Edit:
@@ -88,11 +88,12 @@ class Element:
 def parsed(
     path: str | Path, root_tag: str | None, kind: str, data: bytes | None = None
 ) -> tuple[Element, bytes]:
-    """The root of a file and its bytes, or a refusal: nothing is executed, expanded or fetched.
+    """The root element of a file, and the content of the file as UTF-8 bytes.
 
-    `root_tag`: the tag that the root must have, None for any; `kind`: of the file, for messages;
-    `data`: content that replaces that of the file. Refused are another root, a document
-    type, entities, malformed XML, and a file that is too large or too deep.
+    The root must have the tag `root_tag`, or any tag if this is None. `kind` names the kind of file
+    in messages. `data` replaces the content of the file; its size is not checked. Another root, a
+    document type, entities, malformed XML, and a file that is too large or nested too deeply raise
+    ValueError. Nothing is executed or fetched.
     """
     # A text in place of a path is a usual mistake.
     if isinstance(path, str) and path.lstrip().startswith("<"):
@@ -152,7 +153,7 @@ def parsed(
 # The encoding that the first line of a file declares.
 _DECLARED = re.compile(rb"""\s*<\?xml[^>]*?\sencoding\s*=\s*["']([A-Za-z0-9._-]+)["']""")
 
-# First bytes of files of two bytes per character, with a mark of their order or without.
+# First two bytes of a UTF-16 file, with a byte order mark or without -> its encoding.
 _WIDE = {
     codecs.BOM_UTF16_LE: "utf-16-le",
     codecs.BOM_UTF16_BE: "utf-16-be",
@@ -168,11 +169,11 @@ def _encoding(data: bytes) -> str:
 
 
 def _utf8(data: bytes) -> bytes:
-    """A file as UTF-8; its first line declares the encoding in which `spliced` writes it."""
+    """Recode a file to UTF-8, but keep its declaration, which tells `spliced` how to encode it."""
     wide = _WIDE.get(data[:2])
     encoding = wide or _encoding(data.removeprefix(codecs.BOM_UTF8))
     try:
-        # A declaration that could be read as it stands is not in two bytes per character.
+        # The declaration was read as single bytes, so the file is neither UTF-16 nor UTF-32.
         if not wide and codecs.lookup(encoding).name.startswith(("utf-16", "utf-32")):
             raise LookupError
         if codecs.lookup(encoding).name in ("utf-8", "ascii"):
@@ -201,7 +202,7 @@ def numbers_of(
     *,
     finite: bool = True,
 ) -> Floats:
-    """The numbers of an attribute, exactly `count` of them; inf is one only if not `finite`."""
+    """The numbers of an attribute, exactly `count` of them; ``finite=False`` also accepts inf."""
     text = default if element is None else element.attributes.get(attribute, default)
     if text is None:
         raise ValueError(f"{where} must have {attribute}; it has none. Add it.")
@@ -228,7 +229,7 @@ def numbers_of(
 
 
 def spliced(data: bytes, edits: Iterable[Edit]) -> bytes:
-    """The bytes with these edits, all others as they were, in the encoding that they declare."""
+    """Apply edits to UTF-8 bytes and keep the rest; encode it as declared, but ASCII as UTF-8."""
     pieces = []
     at = 0
     # From the start of the file on; edits do not overlap.
@@ -249,8 +250,8 @@ ORIENTATIONS = {"quat": 4, "axisangle": 4, "euler": 3, "xyaxes": 6, "zaxis": 3}
 def rotation_of(element: Element, where: str, *, degrees: bool, sequence: str) -> Floats:
     """Rotation matrix (3, 3) of an MJCF element: its axes as columns, in the parent's frame.
 
-    ``sequence`` is ``eulerseq``: three of xyz, axes that turn along, or of XYZ, fixed axes. Two
-    orientations at once are refused.
+    ``sequence`` is the ``eulerseq`` of MJCF, three letters: x, y and z name axes of the turning
+    frame, X, Y and Z name axes of the parent's frame. Two orientations at once are refused.
     """
     stated = [name for name in ORIENTATIONS if name in element.attributes]
     if len(stated) > 1:

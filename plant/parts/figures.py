@@ -4,8 +4,8 @@ A plot takes ``ax=``, as many matplotlib Axes as it draws, and returns the Axes 
 drawn: one, or an array where it draws several. Without ``ax`` it makes a figure of its own.
 matplotlib is imported when something is drawn.
 
-Source of the colours: M. Okabe, K. Ito, Color universal design, 2008: they differ with any colour
-vision.
+All colours of joints except the grey come from M. Okabe, K. Ito, Color universal design, 2008.
+Readers with defective colour vision can tell them apart.
 """
 
 import functools
@@ -18,20 +18,20 @@ from numpy.typing import NDArray
 
 F = TypeVar("F", bound=Callable[..., Any])
 
-# Of joints, or of laws, in turn.
+# The colours of the joints, or of the laws, in turn.
 COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#4d4d4d")
 
-# Of what is shaded behind curves.
+# The colour of areas shaded behind curves.
 BAND = "#e9e4d4"
 
-# How a log and its model are drawn: the model lies on the log, which is wider.
+# The styles of a log and its model: the model's thin curve is drawn on the log's wide one.
 LOGS: tuple[tuple[str, dict[str, Any]], ...] = (
     ("measured", {"color": "#b3bcc0", "linewidth": 2.6}),
     ("simulated", {"color": COLOURS[1], "linewidth": 0.8}),
 )
 
-# LogFormatter and ScalarFormatter write numbers at ticks.
-_NUMBERS = ("Log", "Scalar")  # how the names of the formatters begin that write numbers at ticks
+# The names of the formatters that write numbers at ticks, such as LogFormatter, begin like this.
+_NUMBERS = ("Log", "Scalar")
 
 
 def colour_of(place: int) -> str:
@@ -42,9 +42,10 @@ def colour_of(place: int) -> str:
 def axes_of(
     ax: Any, shape: tuple[int, ...], new: Callable[[], Any], advice: str = ""
 ) -> NDArray[Any]:
-    """The Axes to draw on, of this shape (() for one): the caller's, in their order, or `new` ones.
+    """The Axes to draw on, in an array of this shape; the shape () holds one.
 
-    `advice` says how to make them. Another number of Axes, or another type, is refused.
+    They are the caller's, in their order, or those that `new` makes if `ax` is None. `advice` tells
+    the caller how to make suitable Axes. A wrong number of Axes, or another type, is refused.
     """
     axes = np.array(new() if ax is None else ax, dtype=object)
     count = int(np.prod(shape))
@@ -82,15 +83,15 @@ def row_by_row(
     axes = axes_of(ax, (rows, columns), new)
     for axis in axes.flat:
         dressed(axis)
-    # Rows share the time axis, so only the lowest one is labelled.
+    # The rows of a new figure share the time axis, so only the lowest row is labelled.
     for axis in axes[-1] if time else ():
         axis.set_xlabel("time [s]")
     return axes
 
 
 def dressed(axis: Any, title: str = "", size: float = 9) -> Any:
-    """An axis with a grid, without a frame, its title to the left."""
-    # Axes in space have no spines.
+    """Add a grid to the axis, hide its top and right borders, set its title at the left."""
+    # 3D axes draw no spines.
     if axis.name != "3d":
         axis.spines[["top", "right"]].set_visible(False)
     axis.grid(alpha=0.25, linewidth=0.5)
@@ -117,10 +118,10 @@ def legend_above(axis: Any, *, at_left: bool = False, columns: int = 2) -> None:
 
 
 def literal(plot: F) -> F:
-    """Decorate a plot so that matplotlib sets no text as a formula: a joint may be ``$x_{$``.
+    """Decorate a plot so that its texts are not set as formulas: a joint may be named ``$x_{$``.
 
-    Numbers at ticks keep their formulas, such as ``$10^{-3}$``. Of a figure that the caller passed
-    by ``ax=`` only those Axes change on which the plot draws.
+    Numbers at the ticks of the returned Axes keep their formulas, such as ``$10^{-3}$``. If the
+    caller passed ``ax=``, only the texts of the returned Axes change.
     """
     signature = inspect.signature(plot)
 

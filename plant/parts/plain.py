@@ -1,9 +1,10 @@
 """Parts and results as plain data, and back: dictionaries, lists, numbers and text of JSON.
 
-A part or a result is ``{"kind": "plant.Rig", field: ...}``; a tuple is a list. What a part does not
-need, since its constructor makes arrays, results do: ``{"array": [...], "dtype": ..., "shape":
-...}``, ``{"scalar": ..., "dtype":
-...}``, ``{"list": [...]}`` and ``{"dict": [[key, value], ...]}``. No bit of a number is lost.
+A part or a result is ``{"kind": "plant.Rig", field: ...}``; a tuple is a bare list. Arrays,
+numbers of numpy, lists and dictionaries have tags: ``{"array": [...], "dtype": ..., "shape":
+...}``, ``{"scalar": ..., "dtype": ...}``, ``{"list": [...]}`` and ``{"dict": [[key, value],
+...]}``. An array or a number of numpy that is a field of a part has no tag, since the constructor
+of the part makes arrays. No bit of a number is lost.
 """
 
 import dataclasses
@@ -30,8 +31,8 @@ _TAGS = ("array", "scalar", "list", "dict")
 def to_plain(value: Any, *, compared: bool = False) -> Any:
     """A part, a result or a value of a field as plain data; other types are refused.
 
-    `compared`: for a comparison alone, without what does not count in one (``compare=False``), and
-    parts of the user's own with the text of their class.
+    `compared`: for a comparison only, not for a file. Fields with ``compare=False`` are left out,
+    and a part of a user's own class also holds the source text of that class.
     """
     cls = type(value)
     if value is None or cls in (bool, int, float, str):
@@ -43,12 +44,13 @@ def to_plain(value: Any, *, compared: bool = False) -> Any:
     if isinstance(value, np.generic):
         choice("type of a number in a file", value.dtype.name, _TYPES)
         return {"scalar": value.item(), "dtype": value.dtype.name}
-    # Only registered classes have names of fields here; any other object is refused below.
+    # Only registered classes have names of fields here. Below, tuples, lists and dictionaries are
+    # described, and any other object is refused.
     names = field_names(cls, compared=compared)
     if names is not None:
         described: dict[str, Any] = {"kind": kind_of(cls)}
-        # A file must be readable without the user's code; a fingerprint instead depends on that
-        # code.
+        # A file must be readable without the user's code, but a comparison must notice a change of
+        # that code.
         if not compared:
             require_public(cls)
         elif described["kind"].split(".")[0] not in PACKAGES:
@@ -72,7 +74,8 @@ def to_plain(value: Any, *, compared: bool = False) -> Any:
 
 
 def _field(value: Any, is_part: bool, compared: bool) -> Any:
-    # The constructor of a part makes arrays of lists, so files stay short and readable.
+    # The constructor of a part turns lists into arrays, so arrays need no tag here: files stay
+    # short and readable.
     if is_part and isinstance(value, (np.ndarray, np.generic)):
         return value.tolist()
     return to_plain(value, compared=compared)
@@ -110,8 +113,8 @@ def from_plain(data: Any) -> Any:
 
 def _built(cls: type, values: dict[str, Any]) -> Any:
     if PARTS.get(kind_of(cls)) is cls:
-        # Results have no checks of their own: verify their names of fields here.
         return cls(**values)  # a part checks its own options
+    # Results have no checks of their own: verify the names of their fields here.
     names = field_names(cls) or []
     for name in values:
         choice(f"a field of {cls.__name__}", name, names)

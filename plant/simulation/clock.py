@@ -17,7 +17,7 @@ class ClockSettings:
     Parameters
     ----------
     even : float
-        Jitter up to which time stamps count as even.
+        Time stamps count as even if no sample k is further than this from k periods.
     period : float
         Largest relative difference of a log's median interval from its rig's period.
     longest : float
@@ -47,17 +47,17 @@ class Clock:
 
     @classmethod
     def regular(cls, samples: int, period: float) -> Self:
-        """Samples at k period [s]."""
+        """An even clock: sample k is at k * period [s]."""
         return cls(
             np.arange(samples) * period, np.full(samples, period), np.arange(samples), period
         )
 
     @classmethod
     def of(cls, record: Any) -> Self:
-        """The clock of a record: its time stamps, or k period if they are even.
+        """The clock of a record: its time stamps, or k * period for sample k if they are even.
 
-        A gap of more than 1.5 periods is divided by samples without measurement, so that no
-        sub-step is longer than the rig's period allows.
+        Samples without measurement divide each interval of more than `SETTINGS.longest` periods
+        into equal parts, so that no part is longer than this limit.
         """
         t = record.t - record.t[0]
         period = record.rig.period
@@ -75,7 +75,7 @@ class Clock:
                 f" {lateness[wrong]:+.3g} s off, and the usual interval is {median:.6g} s. Correct"
                 " the period, or the unit of t."
             )
-        # Each interval is divided into equal parts, most into one; the log's samples begin them.
+        # Each interval begins at a sample of the log and has equal parts; most have one part.
         parts = np.ceil(lengths / (SETTINGS.longest * period) - 1e-9).astype(int)
         rows = np.cumsum(parts) - parts
         within = np.arange(parts.sum()) - np.repeat(rows, parts)
@@ -86,18 +86,18 @@ class Clock:
         return len(self.t)
 
     def place(self, t: NDArray[Any]) -> Floats:
-        """Index (K,) of times in the log, with the fraction between two samples."""
+        """Index (K,) in the log of each time t [s], with a fraction if t is between two samples."""
         if self.even is not None:
             place = np.asarray(t) / self.even
-            # The time of a sample gives its whole index, also where the quotient is rounded.
+            # The quotient may have a rounding error; the time of a sample must give a whole index.
             return np.where(np.abs(place - np.round(place)) < 1e-9, np.round(place), place)
         return np.interp(t, self.t[self.rows], np.arange(len(self.rows)))
 
     def apart(self, rows: NDArray[np.int_]) -> Floats | float:
-        """Intervals (K, 1) [s] from samples of the log to the next; one number if they are even."""
+        """Intervals (K, 1) [s] after the samples `rows` of the log; one number if all are even."""
         if self.even is not None:
             return self.even
-        # Across a gap this is its whole length.
+        # The interval across a gap is the whole gap.
         return np.append(np.diff(self.t[self.rows]), self.lengths[-1])[rows][:, None]
 
     def bridged(self, values: Floats) -> Floats:
@@ -114,13 +114,13 @@ class Clock:
 
     def measured(self, values: Floats) -> Floats:
         """Values (N, m) of the log for all samples (M, m), zero in the samples between."""
-        # A weight of zero excludes the samples that bridge a gap.
+        # If the values are weights, zero excludes the samples that bridge a gap.
         filled = np.zeros((len(self), values.shape[1]))
         filled[self.rows] = values
         return filled
 
     def starts(self, steps: int, places: NDArray[np.int_], every: int = 1) -> NDArray[Any]:
-        """Start (K,) [s] of some sub-steps (K,), multiples of `every`; a sample has `steps`."""
+        """Starts (K,) [s] of the sub-steps `places`, multiples of `every`; a sample has `steps`."""
         if self.even is not None:
             return places // every * (self.even / steps * every)
         sample = places // steps

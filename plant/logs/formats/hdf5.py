@@ -1,7 +1,8 @@
-"""HDF5 files, by h5py; data sets are named ``group/name``, also where MATLAB made structures.
+"""Reads HDF5 files by h5py; data sets are named ``group/name``, also in structures of MATLAB.
 
-MATLAB 7.3 stores an array of structures as references to hidden data sets, one per element
-(``structure[1]/field``), and its objects as keys of a table that only MATLAB can read.
+MATLAB 7.3 stores each field of an array of structures as references to hidden data sets, one per
+element; the second element is named ``structure[1]/field``. It stores an object as keys of a table
+that only MATLAB can read.
 """
 
 import math
@@ -18,11 +19,12 @@ from .columns import (
     require_size,
 )
 
-# Classes of MATLAB whose values are the numbers of the data set.
+# Classes of MATLAB whose data sets may hold numbers; "" stands for a data set without a class.
 _NUMERIC = {"", "double", "single", "logical", "struct", "cell"} | {
     f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64)
 }
-# Elements of arrays of structures in a file, and structures inside of such; both chosen by hand.
+# Most references that one call of `_datasets` accepts, and most levels of references inside
+# references that it follows. Both numbers were chosen by hand.
 _MAX_ELEMENTS = 10_000
 _MAX_DEPTH = 4
 
@@ -35,7 +37,8 @@ def read(
     numbers_only: bool = False,
 ) -> tuple[list[str], dict[str, Any]]:
     """Names and wanted columns of an HDF5 file, or of a MAT file of version 7.3."""
-    # The child limits its memory before a library is loaded.
+    # This import is not at the top, since the child process limits its memory before it loads a
+    # library.
     import h5py
 
     chosen = choice_of(names, prefix)
@@ -43,8 +46,8 @@ def read(
         items: dict[str, Any] = {}
         # `visititems` follows neither soft nor external links.
         file.visititems(items.__setitem__)
-        # An external link would read a file that the user did not name; only wanted links are
-        # refused.
+        # Through an external link, h5py would open a file that the user did not name. Only a link
+        # that the user wants is refused; the others are not followed.
         for link in _links(file, items):
             if chosen(link) or any(name.startswith(f"{link}/") for name in names or ()):
                 got = f"{link!r} is a link to another file"
@@ -55,7 +58,8 @@ def read(
             if names is None
             else homes_of(names, datasets)
         )
-        # What is asked of an object, such as its column `tt/Time`, is no data set.
+        # A wanted column may belong to an object of MATLAB: the column `tt/Time` is no data set, so
+        # that the data set of the object, `tt`, is checked.
         asked = [name.replace(".", "/") for name in names or ()]
         for name, item in datasets.items():
             if name in homes.values() or any(place.startswith(f"{name}/") for place in asked):
@@ -64,7 +68,8 @@ def read(
                     continue
                 del homes[name]
         wanted = {name: datasets[home] for name, home in homes.items()}
-        # Sizes come from the headers, so a bomb is refused before it expands.
+        # The sizes come from the headers. Data sets that would expand beyond `max_bytes` are
+        # therefore refused before they are read.
         require_size(
             sum(math.prod(item.shape or ()) * item.dtype.itemsize for item in wanted.values()),
             max_bytes,
@@ -77,7 +82,7 @@ def read(
 
 
 def _datasets(file: Any, items: Mapping[str, Any], depth: int) -> Iterator[tuple[str, Any]]:
-    """Names and data sets, with those that the references of MATLAB lead to."""
+    """Yield the names and data sets of `items`, and of what the references in them lead to."""
     import h5py
 
     count = 0
@@ -93,7 +98,8 @@ def _datasets(file: Any, items: Mapping[str, Any], depth: int) -> Iterator[tuple
             yield name, item
             continue
         group, _, field = name.rpartition("/")
-        # A cell array has its own class; a field of structures has the class of its group.
+        # A cell array has an attribute MATLAB_class of its own; a field of an array of structures
+        # has none.
         is_cell = "MATLAB_class" in item.attrs
         for k, reference in enumerate(item[()].ravel()[: _MAX_ELEMENTS + 1]):
             count += 1
@@ -116,7 +122,7 @@ def _datasets(file: Any, items: Mapping[str, Any], depth: int) -> Iterator[tuple
 
 def _require_own_numbers(name: str, item: Any) -> None:
     """Refuse a data set in another file, an object of MATLAB, and anything but real numbers."""
-    # The bytes of such a data set lie in another file.
+    # A virtual data set, or one with external storage, keeps its bytes in another file.
     if item.is_virtual or item.external:
         raise RefusalError(
             f"must hold its own data; column {name!r} points into another file. Copy it in."

@@ -198,6 +198,33 @@ def test_a_robot_unlike_the_others_is_set_apart(tmp_path):
     assert effect.robots < 0.35  # as without it
 
 
+def test_a_robot_whose_logs_scatter_is_not_set_apart():
+    """Its mean of 6 is known to 7 only: the others' small scatter is not its own."""
+    logs, robots = 10, 5
+    robot = np.tile(np.arange(robots), logs)
+    week = np.repeat(np.arange(logs), robots)
+    sign = (-1.0) ** week
+    value = np.where(robot == 4, 6 + 20 * sign, sign)
+    unknown = np.full(len(value), np.nan)
+    names = tuple(map(str, range(robots)))
+    values = Values("f1", "f1", "", names, robot, 1.0 * week, unknown, value, 0 * value + 0.01)
+    effect = effect_of(values)
+    assert effect.weeks == pytest.approx(1.0, rel=0.2)  # that of the other four
+    assert effect.std[4] == pytest.approx(20 / np.sqrt(10), rel=0.1)
+    assert effect.apart.min() > 0.1
+
+
+@pytest.mark.parametrize(("robots", "most"), [(6, 1), (8, 2)])
+def test_a_quarter_of_the_fleet_at_most_is_set_apart(robots, most):
+    value = np.r_[0.1 * np.arange(robots - 3), 100.0, 1e5, 1e9]
+    names = tuple(map(str, range(robots)))
+    unknown = np.full(robots, np.nan)
+    effect = effect_of(
+        Values("f1", "f1", "", names, np.arange(robots), unknown, unknown, value, 0 * value + 1)
+    )
+    assert (effect.apart < 0.01).sum() == most
+
+
 # -- the file ------------------------------------------------------------------------------------
 def test_the_file_is_as_documented_and_adding_again_replaces(tmp_path):
     fleet, own = filled(tmp_path / "fleet.sqlite", weeks=2)
