@@ -114,8 +114,8 @@ def spread(
     Raises
     ------
     ValueError
-        Fewer than two seeds, or the same seed twice, `published` that does not have one value per f, a checkpoint together
-        with an executor, or input that `identify` refuses.
+        Fewer than two seeds, or one seed twice; `published` that does not have one value per f; a
+        checkpoint together with an executor; or input that `identify` refuses.
 
     See Also
     --------
