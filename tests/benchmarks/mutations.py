@@ -1,13 +1,15 @@
 """Which changes of the code no test notices: one comparison, sign, number or index at a time.
 
     python tests/benchmarks/mutations.py --guards [--every 8]
-    python tests/benchmarks/mutations.py --seeded 60 [--tree FOLDER]
+    python tests/benchmarks/mutations.py --seeded 60 [--tree FOLDER] [--longest 600] [--jobs 2]
 
 The first changes every eighth comparison and sign of what guards and stops a running controller
 (plant/realtime). The second draws changes from all three packages, from each file as many as it has
 places on average; with --tree of another checkout. Each is made in a copy, and the tests of its
 room run until one fails, which must pass on the tree as it is: those are named by their file. A
-change of a kernel changes its text, and by that its name in the cache.
+change of a kernel changes its text, and by that its name in the cache. Tests that do not end within
+`--longest` seconds have noticed nothing, unless those of the unchanged tree end sooner: such changes
+are listed as "not ended", and are not counted as noticed.
 """
 
 import argparse
@@ -44,8 +46,8 @@ OTHER = {
     "*": "/",
     "/": "*",
 }
-LONGEST = 600
-"""Seconds of the tests of a room."""
+NOT_ENDED = "not ended"
+"""What is said of tests that took too long."""
 
 
 def changes(file, kinds):
@@ -122,8 +124,8 @@ def rooms_of(tree, file):
     return [str(test.relative_to(tree)) for test in tests]
 
 
-def failing(copy, tests):
-    """The first of the tests that fails, "" if none does."""
+def failing(copy, tests, longest):
+    """The first of the tests that fails, "" if none does within so many seconds."""
     environment = {**os.environ, "PYTHONPATH": str(copy), "MPLBACKEND": "Agg"}
     command = [
         sys.executable,
@@ -138,17 +140,17 @@ def failing(copy, tests):
     ]
     try:
         ran = subprocess.run(  # noqa: S603
-            command, cwd=copy, env=environment, capture_output=True, text=True, timeout=LONGEST
+            command, cwd=copy, env=environment, capture_output=True, text=True, timeout=longest
         )
     except subprocess.TimeoutExpired:
-        return "no end"
+        return NOT_ENDED
     if ran.returncode == 0:
         return ""
     failed = re.search(r"^(?:FAILED|ERROR) (.+?)(?: - |$)", ran.stdout, re.MULTILINE)
     return failed.group(1) if failed else f"ended with {ran.returncode}"
 
 
-def noticed(copy, file, text, tests, anyway):
+def noticed(copy, file, text, tests, anyway, longest):
     """Name of the test that fails by the change of a file, "" if none does; what fails anyway is
     left out.
     """
@@ -156,18 +158,19 @@ def noticed(copy, file, text, tests, anyway):
     before = path.read_text(encoding="utf-8")
     while True:
         path.write_text(text, encoding="utf-8")
-        by = failing(copy, [*tests, *(f"--deselect={one}" for one in anyway if anyway[one])])
+        known = (f"--deselect={one}" for one in anyway if anyway[one])
+        by = failing(copy, [*tests, *known], longest)
         path.write_text(before, encoding="utf-8")
         if "::" not in by:
             return by
         if by not in anyway:
-            anyway[by] = bool(failing(copy, [by]))
+            anyway[by] = bool(failing(copy, [by], longest))
         if not anyway[by]:
             return by
 
 
 def main():
-    """Make the changes, two at a time, and print what became of each."""
+    """Make the changes, some at a time, and print what became of each."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--guards", action="store_true")
     parser.add_argument("--every", type=int, default=8)
@@ -175,6 +178,8 @@ def main():
     parser.add_argument("--seeded", type=int, default=0)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--tree", type=Path, default=ROOT)
+    parser.add_argument("--longest", type=int, default=600, help="of the tests of a room [s]")
+    parser.add_argument("--jobs", type=int, default=2, help="changes at a time")
     chosen = parser.parse_args()
     tree = chosen.tree.resolve()
     if chosen.guards:
@@ -203,7 +208,7 @@ def main():
         picked = [(*change, rooms_of(tree, change[0])) for change in picked]
     print(f"{len(picked)} of {len(every)} places in {len(files)} files", flush=True)
     with tempfile.TemporaryDirectory() as folder:
-        copies = [Path(folder) / str(i) for i in range(2)]
+        copies = [Path(folder) / str(i) for i in range(chosen.jobs)]
         for copy in copies:
             shutil.copytree(
                 tree,
@@ -215,19 +220,17 @@ def main():
         def one(change):
             file, line, what, text, tests = change
             copy, begun = free.pop(), time.monotonic()
-            by = noticed(copy, file.relative_to(tree), text, tests, anyway)
+            by = noticed(copy, file.relative_to(tree), text, tests, anyway, chosen.longest)
             free.append(copy)
             return f"{file.relative_to(tree)}:{line}  {what}", by, time.monotonic() - begun
 
-        with ThreadPoolExecutor(2) as pool:
+        with ThreadPoolExecutor(chosen.jobs) as pool:
             for what, by, seconds in pool.map(one, picked):
                 results[by.partition("::")[0] or "none"] += 1
-                print(
-                    f"{'noticed by ' + by if by else 'NOT NOTICED':60.60}  {what} "
-                    f" ({seconds:.0f} s)",
-                    flush=True,
-                )
-    print(f"{len(picked) - results['none']} of {len(picked)} noticed")
+                verdict = by if by == NOT_ENDED else f"noticed by {by}" if by else "NOT NOTICED"
+                print(f"{verdict:60.60}  {what}  ({seconds:.0f} s)", flush=True)
+    unseen = results["none"] + results[NOT_ENDED]
+    print(f"{len(picked) - unseen} of {len(picked)} noticed, {results[NOT_ENDED]} not ended")
     for name, count in results.most_common():
         print(f"  {count:3} {name}")
 
