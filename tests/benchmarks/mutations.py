@@ -8,8 +8,8 @@ The first changes every eighth comparison and sign of what guards and stops a ru
 places on average; with --tree of another checkout. Each is made in a copy, and the tests of its
 room run until one fails, which must pass on the tree as it is: those are named by their file. A
 change of a kernel changes its text, and by that its name in the cache. Tests that do not end within
-`--longest` seconds have noticed nothing, unless those of the unchanged tree end sooner: such changes
-are listed as "not ended", and are not counted as noticed.
+`--longest` seconds show nothing: such changes are listed as "not ended", and do not count as
+noticed.
 """
 
 import argparse
