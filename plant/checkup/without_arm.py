@@ -514,7 +514,7 @@ def _stated() -> Iterator[Hypothesis[Any]]:
         yield Hypothesis(
             name=title,
             check="units of torque" if name == "coulomb" else "viscous friction",
-            sentence=f"{title} is not the rig's at {{joint}}, but {{value:.2g}} times the stated one",
+            sentence=f"{title} is not the rig's at {{joint}}: it is {{value:.2g}} times the stated",
             remedy="Correct that if it was a guess.",
             undo=other_friction(name),
             measurement="Move at constant speeds: friction changes with the speed alone.",
