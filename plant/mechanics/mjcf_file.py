@@ -84,13 +84,14 @@ def read_mjcf(path: str | Path) -> ModelFile:
                 f"<{element.tag}> must not be in the file: no chain has what it describes."
                 " Remove it."
             )
-        _require_zero(element)
+    compiler = _together(root, "compiler")
+    option = _together(root, "option")
+    _require_zero(compiler)
+    _require_zero(option)
     model = ModelFile(path=Path(path), data=data, bodies={"world": None}, joints={}, links={})
     # Compiler and defaults hold for the whole file, wherever they stand in it.
-    reader = _Reader(root, model)
-    for option in root.all("option"):
-        gravity = numbers_of(option, "gravity", 3, "0 0 -9.81", "option")
-        model.gravity = (float(gravity[0]), float(gravity[1]), float(gravity[2]))
+    reader = _Reader(root, compiler, model)
+    model.gravity = _gravity(option)
     for world in root.all("worldbody"):
         # The world does not move: its own geoms need no mass.
         reader.children(world, _Inside("world"))
@@ -100,6 +101,26 @@ def read_mjcf(path: str | Path) -> ModelFile:
     reader.constraints(root)
     reader.actuators(root)
     return model
+
+
+def _together(element: Element, tag: str) -> Element:
+    """Return all children of this tag as one element.
+
+    As in MuJoCo, a later one changes only the attributes that it states.
+    """
+    union = Element(tag, {}, [], element.path)
+    for child in element.all(tag):
+        union.attributes |= child.attributes
+        union.children += child.children
+    return union
+
+
+def _gravity(option: Element) -> tuple[float, float, float]:
+    flag = _together(option, "flag").attributes.get("gravity", "enable")
+    if choice("gravity of <flag>", flag, ("enable", "disable")) == "disable":
+        return 0.0, 0.0, 0.0
+    x, y, z = numbers_of(option, "gravity", 3, "0 0 -9.81", "option")
+    return float(x), float(y), float(z)
 
 
 def _include(element: Element, path: Path, folder: Path, seen: set[Path]) -> None:
@@ -164,41 +185,34 @@ class _Inside:
 class _Reader:
     """Walks through the bodies, with the compiler's settings and the default classes."""
 
-    def __init__(self, root: Element, model: ModelFile) -> None:
+    def __init__(self, root: Element, compiler: Element, model: ModelFile) -> None:
         self.model = model
         # Bodies may lack names, yet chains begin and end at names.
         self.unnamed = itertools.count(1)
         # Defaults of MuJoCo: degrees, intrinsic xyz angles, limits wherever a range is stated.
-        self.degrees = True
-        self.sequence = "xyz"
-        self.autolimits = True
-        self.from_geoms = False
-        self.balance = False
-        self.least_mass = self.least_inertia = 0.0
+        get = compiler.attributes.get
+        unit = choice("angle of <compiler>", get("angle", "degree"), ("degree", "radian"))
+        self.degrees = unit == "degree"
+        self.sequence = get("eulerseq", "xyz")
+        if len(self.sequence) != 3 or set(self.sequence.lower()) - set("xyz"):
+            raise ValueError(
+                f"eulerseq must be three of xyz or XYZ; got {self.sequence!r}. Correct it."
+            )
+        self.autolimits = get("autolimits", "true") == "true"
+        self.from_geoms = get("inertiafromgeom", "auto") == "true"
+        self.balance = get("balanceinertia", "false") == "true"
+        self.least_mass = numbers_of(compiler, "boundmass", 1, "0", "compiler")[0]
+        self.least_inertia = numbers_of(compiler, "boundinertia", 1, "0", "compiler")[0]
+        if get("coordinate", "local") != "local":
+            raise ValueError(
+                "coordinates must be local; the file has global ones. Load and save it with"
+                " MuJoCo 2.3."
+            )
         # For each default class: the attributes of its joints, and those of its actuators.
         self.defaults: dict[str, dict[str, str]] = {"main": {}}
         self.actuator_defaults: dict[str, dict[str, str]] = {"main": {}}
         # The bodies of sites and geoms, at which tendons and constraints act.
         self.bodies_of: dict[str, str] = {}
-        for element in root.all("compiler"):
-            get = element.attributes.get
-            unit = choice("angle of <compiler>", get("angle", "degree"), ("degree", "radian"))
-            self.degrees = unit == "degree"
-            self.sequence = get("eulerseq", "xyz")
-            self.autolimits = get("autolimits", "true") == "true"
-            if len(self.sequence) != 3 or set(self.sequence.lower()) - set("xyz"):
-                raise ValueError(
-                    f"eulerseq must be three of xyz or XYZ; got {self.sequence!r}. Correct it."
-                )
-            self.from_geoms = get("inertiafromgeom", "auto") == "true"
-            self.balance = get("balanceinertia", "false") == "true"
-            self.least_mass = numbers_of(element, "boundmass", 1, "0", "compiler")[0]
-            self.least_inertia = numbers_of(element, "boundinertia", 1, "0", "compiler")[0]
-            if get("coordinate", "local") != "local":
-                raise ValueError(
-                    "coordinates must be local; the file has global ones. Load and save it with"
-                    " MuJoCo 2.3."
-                )
         for element in root.all("default"):
             self._class(element, {}, {}, "main")
 
