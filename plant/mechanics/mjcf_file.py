@@ -3,6 +3,7 @@
 import dataclasses
 import itertools
 import math
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -173,13 +174,17 @@ def _require_zero(element: Element) -> None:
 
 @dataclasses.dataclass(frozen=True)
 class _Inside:
-    """Where a body stands: its parent, the pose of frames between, the class, whether it moves."""
+    """Where an element stands: in which body, the pose of frames between, the class.
+
+    `moves` is whether the body moves, and `misplaced` why the pose cannot be read, if it cannot.
+    """
 
     # The world is a parent as any other body.
     parent: str
     pose: Placement = HERE
     inherited: str = "main"
     moves: bool = False
+    misplaced: str = ""
 
 
 class _Reader:
@@ -237,20 +242,30 @@ class _Reader:
         rotation = rotation_of(element, where, degrees=self.degrees, sequence=self.sequence)
         return Placement(rotation=rotation, position=numbers_of(element, "pos", 3, "0 0 0", where))
 
-    def children(self, element: Element, inside: _Inside) -> None:
-        """The elements within a body, a frame, or in the world."""
+    def _placed(self, element: Element, inside: _Inside) -> Iterator[tuple[Element, _Inside]]:
+        """Yield the children of a body or the world, also those in its frames, with their places.
+
+        A frame is a pose that its children share, and no body.
+        """
         for child in element.children:
+            if child.tag != "frame":
+                yield child, inside
+                continue
+            pose, reason = deferred(HERE, self._pose, child, f"frame in {inside.parent}")
+            within = dataclasses.replace(
+                inside,
+                pose=inside.pose @ pose,
+                inherited=child.attributes.get("childclass", inside.inherited),
+                misplaced=inside.misplaced or reason,
+            )
+            yield from self._placed(child, within)
+
+    def children(self, element: Element, inside: _Inside) -> None:
+        """The elements within a body or the world."""
+        for child, place in self._placed(element, inside):
             name = child.attributes.get("name", "")
             if child.tag == "body":
-                self.body(child, inside)
-            elif child.tag == "frame":
-                # A frame is a pose that its children share, and no body.
-                pose, reason = deferred(HERE, self._pose, child, "frame")
-                inherited = child.attributes.get("childclass", inside.inherited)
-                within = dataclasses.replace(inside, pose=inside.pose @ pose, inherited=inherited)
-                if reason:
-                    self.model.unread.setdefault(inside.parent, reason)
-                self.children(child, within)
+                self.body(child, place)
             elif child.tag in ("site", "geom") and name:
                 self.bodies_of[name] = inside.parent
             elif child.tag not in _IN_BODY and inside.parent != "world":
@@ -276,18 +291,24 @@ class _Reader:
             )
         # A class of children holds for the whole subtree, until another one replaces it.
         inherited = element.attributes.get("childclass", inside.inherited)
-        pose, misplaced = deferred(HERE, self._pose, element, where)
+        pose, reason = deferred(HERE, self._pose, element, where)
+        misplaced = inside.misplaced or reason
         origin = inside.pose @ pose
-        joints = [child for child in element.children if child.tag in ("joint", "freejoint")]
         # A body moves once any joint lies between it and the world.
-        moves = inside.moves or bool(joints)
+        moves = inside.moves or holds(element, "joint", "freejoint")
+        here = _Inside(name, inherited=inherited, moves=moves)
+        joints = [
+            (child, place)
+            for child, place in self._placed(element, here)
+            if child.tag in ("joint", "freejoint")
+        ]
         parent = inside.parent
         # Several joints of one body form a series. Bodies without mass lie between them, at the
         # place of the body.
-        for joint_element in joints:
-            joint = self._joint(joint_element, name, parent, origin, inherited)
+        for count, (joint_element, place) in enumerate(joints, 1):
+            joint = self._joint(joint_element, place, parent, origin)
             self._add(dataclasses.replace(joint, misplaced=misplaced))
-            if joint_element is joints[-1]:
+            if count == len(joints):
                 break
             parent = f"{name} behind {joint.name}"
             joint.child = self.model.joints[joint.name].child = parent
@@ -307,13 +328,13 @@ class _Reader:
             self._add(weld)
         # The element itself is stored, since geoms and names of it are read elsewhere.
         self.model.links[name] = element
-        body, reason = deferred(None, self._inertial, element, name, moves)
+        body, reason = deferred(None, self._inertial, element, here)
         self.model.bodies[name] = body
         if reason:
             self.model.unread[name] = reason
         if element.attributes.get("gravcomp", "0").strip() not in ("0", "0.0"):
             self.model.gravity_compensated.append(name)
-        self.children(element, _Inside(name, HERE, inherited, moves))
+        self.children(element, here)
 
     def _add(self, joint: ModelJoint) -> None:
         if joint.name in self.model.joints:
@@ -324,15 +345,15 @@ class _Reader:
         self.model.joints[joint.name] = joint
 
     def _joint(
-        self, element: Element, body: str, parent: str, origin: Placement, inherited: str
+        self, element: Element, place: _Inside, parent: str, origin: Placement
     ) -> ModelJoint:
-        name = element.attributes.get("name") or f"joint of {body}"
+        name = element.attributes.get("name") or f"joint of {place.parent}"
         where = f"joint {name}"
         joint = ModelJoint(
             name=name,
             kind=element.attributes.get("type", "hinge") if element.tag == "joint" else "free",
             parent=parent,
-            child=body,
+            child=place.parent,
             origin=origin,
             axis=np.eye(3)[2],
             element=element,
@@ -340,13 +361,17 @@ class _Reader:
         # A chain that holds the joint at zero needs only its pose. An error in the motion is
         # therefore stored, not raised.
         unmoved = dict[str, Any]()
-        motion, reason = deferred(unmoved, self._motion, element, where, inherited)
+        motion, reason = deferred(unmoved, self._motion, element, where, place)
         return dataclasses.replace(joint, immovable=reason, **motion)
 
-    def _motion(self, element: Element, where: str, inherited: str) -> dict[str, Any]:
+    def _motion(self, element: Element, where: str, place: _Inside) -> dict[str, Any]:
         """The fields of a `ModelJoint` that only a joint which moves needs."""
+        if place.misplaced:
+            raise ValueError(place.misplaced)
         class_name = choice(
-            f"class of {where}", element.attributes.get("class", inherited), tuple(self.defaults)
+            f"class of {where}",
+            element.attributes.get("class", place.inherited),
+            tuple(self.defaults),
         )
         # Attributes of the joint win over those of its class.
         element = dataclasses.replace(
@@ -367,7 +392,7 @@ class _Reader:
             raise ValueError(
                 f"{where} must have an axis that is not zero; got {axis.tolist()}. Correct it."
             )
-        x, y, z = numbers_of(element, "pos", 3, "0 0 0", where)
+        anchor = Placement(position=numbers_of(element, "pos", 3, "0 0 0", where))
         lower, upper = numbers_of(element, "range", 2, "0 0", where) * unit
         if not self._limited(element, "limited", "range"):
             lower = -math.inf
@@ -377,8 +402,8 @@ class _Reader:
         force = max(np.abs(numbers_of(element, "actuatorfrcrange", 2, "0 0", where)))
         return {
             "kind": "revolute" if kind == "hinge" else "prismatic",
-            "axis": axis,
-            "anchor": (x, y, z),
+            "axis": np.array(place.pose.rotation) @ axis,
+            "anchor": (place.pose @ anchor).position,
             "zero": numbers_of(element, "ref", 1, "0", where)[0] * unit,
             "limits": (lower, upper, math.inf, float(force) or math.inf),
             "armature": numbers_of(element, "armature", 1, "0", where)[0],
@@ -465,33 +490,41 @@ class _Reader:
             for word in element.attributes.get(attribute, "").split()
         ]
 
-    def _inertial(self, element: Element, name: str, moves: bool) -> Body | None:
+    def _inertial(self, element: Element, here: _Inside) -> Body | None:
         """Return the body that <inertial> describes.
 
         A body without <inertial> starts from zero mass if it has no geom or never moves. Any other
         body must have one <inertial>.
         """
         _require_zero(element)
-        elements = element.all("inertial")
+        name = here.parent
         where = f"body {name}"
-        geoms = _has_geoms(element)
-        if self.from_geoms and geoms and moves:
+        inertials = [
+            (child, place)
+            for child, place in self._placed(element, here)
+            if child.tag == "inertial"
+        ]
+        geoms = holds(element, "geom")
+        if self.from_geoms and geoms and here.moves:
             raise ValueError(
                 f"{where} must have its mass from <inertial>, since geoms are not read; the file"
                 " has inertiafromgeom. Give each body its <inertial>."
             )
         # A body without geoms, or fixed to the world, needs no mass.
-        if not elements and (not geoms or not moves):
+        if not inertials and (not geoms or not here.moves):
             return self._bounded(0.0, np.zeros(6), name, HERE)
-        if len(elements) != 1:
+        if len(inertials) != 1:
+            advice = "Remove all but one." if inertials else "Add it."
             raise ValueError(
-                f"{where} must have one <inertial>: geoms are not read; it has {len(elements)}."
-                " Add it."
+                f"{where} must have one <inertial>: geoms are not read; it has {len(inertials)}."
+                f" {advice}"
             )
         # The mass and its place come from the same element; moments have two notations.
-        inertial = elements[0]
+        inertial, place = inertials[0]
+        if place.misplaced:
+            raise ValueError(place.misplaced)
         mass = numbers_of(inertial, "mass", 1, None, where)[0]
-        pose = self._pose(inertial, where)
+        pose = place.pose @ self._pose(inertial, where)
         if "fullinertia" in inertial.attributes:
             # The order of MuJoCo differs from that of `Body.inertia`.
             inertia = np.zeros(6)
@@ -515,9 +548,9 @@ class _Reader:
         return body_in(max(mass, self.least_mass), inertia, name, pose)
 
 
-def _has_geoms(element: Element) -> bool:
-    """Whether a body has geoms of its own, in frames too."""
+def holds(element: Element, *tags: str) -> bool:
+    """Whether a body has elements of these tags of its own, in frames too."""
     return any(
-        child.tag == "geom" or (child.tag == "frame" and _has_geoms(child))
+        child.tag in tags or (child.tag == "frame" and holds(child, *tags))
         for child in element.children
     )

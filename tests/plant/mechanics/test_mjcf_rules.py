@@ -86,3 +86,45 @@ def test_a_flag_of_gravity_has_two_values(tmp_path):
     path = written(tmp_path, top='<option><flag gravity="off"/></option>')
     with pytest.raises(ValueError, match="gravity of <flag> must be one of"):
         Chain.from_mjcf(path)
+
+
+# -- frames --------------------------------------------------------------------------------------
+ROTORS = '<default><default class="heavy"><joint armature="0.4"/></default></default>'
+PLACE = 'pos="0.1 -0.2 0.3" euler="40 10 -70"'
+FRAMES = {
+    "a joint": {"in_a": f'<frame {PLACE}><joint name="swing" pos="0 0.1 0" axis="0 1 0"/></frame>'},
+    "a class": {"top": ROTORS, "in_a": f'<frame childclass="heavy">{SWING}</frame>'},
+    "an inertial": {"inertial": f"<frame {PLACE}>{INERTIAL}</frame>"},
+    "nested frames": {
+        "in_a": f'<frame {PLACE}><frame axisangle="0 1 1 30">{SWING}</frame></frame>',
+        "inertial": f"<frame {PLACE}><frame {PLACE}>{INERTIAL}</frame></frame>",
+    },
+    "two joints": {
+        "in_a": f'{SWING}<frame {PLACE}><joint name="twist" axis="1 0 0" pos="0 0.2 0"/></frame>'
+        '<joint name="slide" type="slide" axis="0 1 1"/>'
+    },
+}
+
+
+@pytest.mark.parametrize("parts", FRAMES.values(), ids=FRAMES)
+def test_a_frame_moves_all_that_it_holds(tmp_path, parts):
+    agreeing(written(tmp_path, **parts))
+
+
+@pytest.mark.parametrize("part", [SWING, INERTIAL, "the body"], ids=["joint", "inertial", "body"])
+def test_a_frame_without_a_place_is_refused_for_what_it_holds(tmp_path, part):
+    path = written(tmp_path)
+    text = path.read_text()
+    if part == "the body":
+        part = text[text.index("<body") : text.rindex("</body>") + len("</body>")]
+    path.write_text(text.replace(part, f'<frame pos="1 2">{part}</frame>'))
+    with pytest.raises(ValueError, match=r"frame in (a|world) must have 3 finite numbers in pos"):
+        Chain.from_mjcf(path)
+
+
+def test_two_inertials_are_one_too_many(tmp_path):
+    path = written(tmp_path, inertial=2 * INERTIAL)
+    with pytest.raises(ValueError, match="unique element 'inertial'"):
+        mujoco.MjModel.from_xml_path(str(path))
+    with pytest.raises(ValueError, match="it has 2"):
+        Chain.from_mjcf(path)
