@@ -393,45 +393,53 @@ class _Reader:
                 f"{where} must have an axis that is not zero; got {axis.tolist()}. Correct it."
             )
         anchor = Placement(position=numbers_of(element, "pos", 3, "0 0 0", where))
-        lower, upper = numbers_of(element, "range", 2, "0 0", where) * unit
-        if not self._limited(element, "limited", "range"):
-            lower = -math.inf
-            upper = math.inf
-        # The two forces may have signs of their own; a `Limits` holds magnitudes. Zero means no
-        # limit.
-        force = max(np.abs(numbers_of(element, "actuatorfrcrange", 2, "0 0", where)))
+        lower, upper = self._range(element, "range", "limited", where) * unit
+        # The two forces may have signs of their own; a `Limits` holds magnitudes.
+        forces = self._range(element, "actuatorfrcrange", "actuatorfrclimited", where)
         return {
             "kind": "revolute" if kind == "hinge" else "prismatic",
             "axis": np.array(place.pose.rotation) @ axis,
             "anchor": (place.pose @ anchor).position,
             "zero": numbers_of(element, "ref", 1, "0", where)[0] * unit,
-            "limits": (lower, upper, math.inf, float(force) or math.inf),
+            "limits": (lower, upper, math.inf, float(np.abs(forces).max())),
             "armature": numbers_of(element, "armature", 1, "0", where)[0],
             "element": element,
         }
 
-    def _limited(self, element: Element, switch: str, range_name: str) -> bool:
-        """Return whether a range limits: `switch` decides, if it is not "auto".
+    def _range(self, element: Element, name: str, switch: str, where: str) -> Floats:
+        """The ends (2,) of a range; infinite if the range does not limit.
 
-        If it is "auto" or missing, a stated range limits where the compiler has autolimits.
+        A `switch` of "true" or "false" decides. If it is "auto" or missing, the range limits if the
+        compiler has autolimits and the ends differ, as in MuJoCo.
         """
-        limited = element.attributes.get(switch, "auto")
-        return limited == "true" or (
-            limited == "auto" and self.autolimits and range_name in element.attributes
+        limited = choice(
+            f"{switch} of {where}",
+            element.attributes.get(switch, "auto"),
+            ("auto", "false", "true"),
         )
+        default = None if limited == "true" else "0 0"
+        lower, upper = numbers_of(element, name, 2, default, where)
+        if limited == "false" or (limited == "auto" and (not self.autolimits or lower == upper)):
+            return np.array([-math.inf, math.inf])
+        # MuJoCo ignores a range with exchanged ends, unless the switch is "true". A limit that is
+        # meant would then be missing.
+        if lower >= upper:
+            raise ValueError(
+                f"{name} of {where} must be two numbers that rise; got {lower:g} and {upper:g}."
+                f" Correct it, or set {switch} to false."
+            )
+        return np.array([lower, upper])
 
     def actuators(self, root: Element) -> None:
         """Lower the effort limit of each joint to the sum of its actuators' efforts."""
         efforts: dict[str, float] = {}
         for actuator in (child for element in root.all("actuator") for child in element.children):
-            of_class = self.actuator_defaults.get(actuator.attributes.get("class", "main"), {})
-            element = dataclasses.replace(actuator, attributes=of_class | actuator.attributes)
-            get = element.attributes.get
+            get = actuator.attributes.get
             joint = get("joint", get("jointinparent", ""))
             if joint not in self.model.joints:
                 continue
             # An actuator that cannot be read spoils its joint alone; a chain may leave it out.
-            effort, reason = deferred(math.inf, self._effort, element)
+            effort, reason = deferred(math.inf, self._effort, actuator)
             # Several actuators on one joint add up.
             efforts[joint] = efforts.get(joint, 0.0) + effort
             if reason:
@@ -443,16 +451,26 @@ class _Reader:
     def _effort(self, element: Element) -> float:
         """The largest effort of an actuator on its joint; infinite if it states none."""
         where = f"<{element.tag}> {element.attributes.get('name', '')}".strip()
+        class_name = choice(
+            f"class of {where}",
+            element.attributes.get("class", "main"),
+            tuple(self.actuator_defaults),
+        )
+        # Attributes of the actuator win over those of its class.
+        element = dataclasses.replace(
+            element, attributes=self.actuator_defaults[class_name] | element.attributes
+        )
         # Of up to six numbers the first acts on a hinge or a slide.
         words = element.attributes.get("gear", "1").split()
         gear = numbers_of(element, "gear", len(words) or 1, "1", where)[0]
-        limits = [math.inf]
-        if self._limited(element, "forcelimited", "forcerange"):
-            limits.append(np.abs(numbers_of(element, "forcerange", 2, None, where)).max())
+        forces = self._range(element, "forcerange", "forcelimited", where)
         # The control of a motor is its force.
-        if element.tag == "motor" and self._limited(element, "ctrllimited", "ctrlrange"):
-            limits.append(np.abs(numbers_of(element, "ctrlrange", 2, None, where)).max())
-        return float(abs(gear) * min(limits)) if gear and min(limits) > 0 else math.inf
+        controls = forces
+        if element.tag == "motor":
+            controls = self._range(element, "ctrlrange", "ctrllimited", where)
+        effort = min(np.abs(forces).max(), np.abs(controls).max())
+        # A gear of zero passes nothing on, also of an actuator without a limit.
+        return float(abs(gear) * effort) if gear else 0.0
 
     def constraints(self, root: Element) -> None:
         """What tendons, equalities and flexible bodies act on; skins are drawn only."""

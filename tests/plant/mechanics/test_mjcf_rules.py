@@ -128,3 +128,102 @@ def test_two_inertials_are_one_too_many(tmp_path):
         mujoco.MjModel.from_xml_path(str(path))
     with pytest.raises(ValueError, match="it has 2"):
         Chain.from_mjcf(path)
+
+
+# -- limits --------------------------------------------------------------------------------------
+def efforts(path, names):
+    """Largest efforts (n,) that the actuators have at the joints in MuJoCo; infinite without end."""
+    model = mujoco.MjModel.from_xml_path(str(path))
+    data = mujoco.MjData(model)
+    largest = np.zeros(model.nv)
+    for control in (-HUGE, HUGE):
+        data.ctrl[:] = control
+        mujoco.mj_forward(model, data)
+        largest = np.maximum(largest, np.abs(data.qfrc_actuator))
+    largest[largest > HUGE / 100] = np.inf
+    return largest[[model.joint(name).dofadr[0] for name in names]]
+
+
+# A control beyond all limits of the files.
+HUGE = 1e6
+MANUAL = '<compiler autolimits="false"/>'
+FORCES = 'actuatorfrcrange="-5 7"'
+RANGED = '<default><joint range="-30 40" actuatorfrcrange="-3 3"/></default>'
+LIMITS = {
+    "force, switched off": ("", f'{FORCES} actuatorfrclimited="false"', ""),
+    "force, switched on": (MANUAL, f'{FORCES} actuatorfrclimited="true"', ""),
+    "force of one sign": ("", 'actuatorfrcrange="2 3"', ""),
+    "ranges of the class": (RANGED, "", ""),
+    "ranges of the class, taken back": (RANGED, 'range="0 0" actuatorfrcrange="0 0"', ""),
+    "range of the class, switched off": (RANGED, 'limited="false"', ""),
+    "gear of zero": ("", "", 'gear="0"'),
+    "gear of zero in this direction": ("", FORCES, 'gear="0 1" forcerange="-2 2"'),
+    "gear and force": ("", "", 'gear="-6" forcerange="-2 1"'),
+    "force of the actuator, switched off": ("", "", 'forcerange="-2 1" forcelimited="false"'),
+    "force of the actuator, switched on": (
+        MANUAL,
+        "",
+        'ctrlrange="-8 8" ctrllimited="false" forcerange="-2 1" forcelimited="true"',
+    ),
+    "empty control": ("", "", 'ctrlrange="0 0"'),
+    "control": ("", "", 'gear="3" ctrlrange="-2 2" forcerange="-30 30"'),
+}
+
+
+@pytest.mark.parametrize(("top", "of_joint", "of_motor"), LIMITS.values(), ids=LIMITS)
+def test_limits_and_efforts_are_those_of_mujoco(tmp_path, top, of_joint, of_motor):
+    path = written(
+        tmp_path,
+        top=top,
+        in_a=f'<joint name="swing" axis="0 1 0" {of_joint}/>',
+        sections=f'<actuator><motor joint="swing" {of_motor}/><motor joint="bend"/></actuator>',
+    )
+    chain = agreeing(path)
+    names = [link.name for link in chain.links]
+    np.testing.assert_allclose(chain.limits.effort, efforts(path, names), rtol=1e-12)
+
+
+def test_actuators_of_no_effort_add_none(tmp_path):
+    path = written(
+        tmp_path,
+        sections='<actuator><motor joint="swing" gear="0"/><motor joint="swing" ctrlrange="-4 4"/>'
+        '<position joint="bend" kp="9" gear="0"/></actuator>',
+    )
+    np.testing.assert_array_equal(efforts(path, ["swing", "bend"]), [4, 0])
+    np.testing.assert_array_equal(agreeing(path).limits.effort, [4, 0])
+
+
+WITHOUT_RANGE = {
+    "a joint": ('limited="true"', "", r"joint swing must have range"),
+    "an empty range": ('limited="true" range="0 0"', "", r"range of joint swing .*rise; got 0 and 0"),
+    "the force of a joint": ('actuatorfrclimited="true"', "", r"must have actuatorfrcrange"),
+    "an actuator": ("", 'forcelimited="true"', r"<motor> must have forcerange"),
+    "a control": ("", 'ctrllimited="true" ctrlrange="3 1"', r"ctrlrange of <motor> .* rise"),
+    "a misspelt switch": ('limited="yes"', "", r"limited of joint swing must be one of"),
+    "an unknown class": ("", 'class="weak"', r"class of <motor> must be one of 'main'; got 'weak'"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("of_joint", "of_motor", "said"), WITHOUT_RANGE.values(), ids=WITHOUT_RANGE
+)
+def test_a_limit_that_mujoco_refuses_is_refused(tmp_path, of_joint, of_motor, said):
+    path = written(
+        tmp_path,
+        in_a=f'<joint name="swing" axis="0 1 0" {of_joint}/>',
+        sections=f'<actuator><motor joint="swing" {of_motor}/></actuator>',
+    )
+    with pytest.raises(ValueError, match=r"Error"):
+        mujoco.MjModel.from_xml_path(str(path))
+    with pytest.raises(ValueError, match=said):
+        Chain.from_mjcf(path)
+    # A chain that does not have the joint does not need its limits.
+    assert Chain.from_mjcf(path, ["bend"]).n == 1
+
+
+def test_exchanged_ends_are_a_mistake(tmp_path):
+    """MuJoCo reads them as no limit, which would leave out one that is meant."""
+    path = written(tmp_path, in_a='<joint name="swing" axis="0 1 0" range="1 -1"/>')
+    assert not mujoco.MjModel.from_xml_path(str(path)).joint("swing").limited
+    with pytest.raises(ValueError, match=r"range of joint swing .* got 1 and -1"):
+        Chain.from_mjcf(path)
