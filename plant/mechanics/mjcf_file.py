@@ -67,7 +67,8 @@ _ACTUATORS = (
 # Attributes that name the ends of a constraint, a tendon or a flexible body.
 _JOINT_ENDS = ("joint", "joint1", "joint2")
 _BODY_ENDS = ("body", "body1", "body2")
-_SITE_ENDS = ("site", "site1", "site2", "geom", "sidesite")
+_SITE_ENDS = ("site", "site1", "site2", "sidesite")
+_GEOM_ENDS = ("geom",)
 _TENDON_ENDS = ("tendon", "tendon1", "tendon2")
 
 
@@ -216,8 +217,9 @@ class _Reader:
         # For each default class: the attributes of its joints, and those of its actuators.
         self.defaults: dict[str, dict[str, str]] = {"main": {}}
         self.actuator_defaults: dict[str, dict[str, str]] = {"main": {}}
-        # The bodies of sites and geoms, at which tendons and constraints act.
-        self.bodies_of: dict[str, str] = {}
+        # The bodies of sites and geoms, at which tendons and constraints act. A site and a geom may
+        # have the same name.
+        self.bodies_of: dict[tuple[str, str], str] = {}
         for element in root.all("default"):
             self._class(element, {}, {}, "main")
 
@@ -267,7 +269,7 @@ class _Reader:
             if child.tag == "body":
                 self.body(child, place)
             elif child.tag in ("site", "geom") and name:
-                self.bodies_of[name] = inside.parent
+                self.bodies_of[child.tag, name] = inside.parent
             elif child.tag not in _IN_BODY and inside.parent != "world":
                 allowed = ", ".join(_IN_BODY)
                 reason = (
@@ -305,8 +307,10 @@ class _Reader:
         parent = inside.parent
         # Several joints of one body form a series. Bodies without mass lie between them, at the
         # place of the body.
+        unnamed = itertools.count(1)
         for count, (joint_element, place) in enumerate(joints, 1):
-            joint = self._joint(joint_element, place, parent, origin)
+            joint_name = joint_element.attributes.get("name") or _name_of(next(unnamed), name)
+            joint = self._joint(joint_element, joint_name, place, parent, origin)
             self._add(dataclasses.replace(joint, misplaced=misplaced))
             if count == len(joints):
                 break
@@ -345,9 +349,8 @@ class _Reader:
         self.model.joints[joint.name] = joint
 
     def _joint(
-        self, element: Element, place: _Inside, parent: str, origin: Placement
+        self, element: Element, name: str, place: _Inside, parent: str, origin: Placement
     ) -> ModelJoint:
-        name = element.attributes.get("name") or f"joint of {place.parent}"
         where = f"joint {name}"
         joint = ModelJoint(
             name=name,
@@ -484,9 +487,10 @@ class _Reader:
                 for one in (element, *element.children):
                     joints += self._named(one, _JOINT_ENDS)
                     links += self._named(one, _BODY_ENDS)
-                    links += [
-                        self.bodies_of.get(name, name) for name in self._named(one, _SITE_ENDS)
-                    ]
+                    for tag, ends in (("site", _SITE_ENDS), ("geom", _GEOM_ENDS)):
+                        links += [
+                            self.bodies_of.get((tag, name), name) for name in self._named(one, ends)
+                        ]
                     for name in self._named(one, _TENDON_ENDS):
                         joints += tendons.get(name, ([], []))[0]
                         links += tendons.get(name, ([], []))[1]
@@ -564,6 +568,11 @@ class _Reader:
         if (bounded != moments).any():
             inertia = (axes @ np.diag(bounded) @ axes.T)[np.triu_indices(3)]
         return body_in(max(mass, self.least_mass), inertia, name, pose)
+
+
+def _name_of(number: int, body: str) -> str:
+    """The name that one of the unnamed joints of a body gets; they are counted from 1."""
+    return f"joint of {body}" if number == 1 else f"joint {number} of {body}"
 
 
 def holds(element: Element, *tags: str) -> bool:

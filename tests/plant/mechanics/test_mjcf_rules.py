@@ -227,3 +227,57 @@ def test_exchanged_ends_are_a_mistake(tmp_path):
     assert not mujoco.MjModel.from_xml_path(str(path)).joint("swing").limited
     with pytest.raises(ValueError, match=r"range of joint swing .* got 1 and -1"):
         Chain.from_mjcf(path)
+
+
+# -- names ---------------------------------------------------------------------------------------
+def test_unnamed_joints_of_one_body_have_names_of_their_own(tmp_path):
+    axes = ("1 0 0", "0 1 0", "0 0 1")
+    joints = [f'<joint axis="{axis}" pos="0 0.1 0"/>' for axis in axes]
+    unnamed = written(tmp_path, in_a="".join(joints))
+    assert mujoco.MjModel.from_xml_path(str(unnamed)).njnt == 4
+    chain = Chain.from_mjcf(unnamed)
+    names = [link.name for link in chain.links]
+    assert names == ["joint of a", "joint 2 of a", "joint 3 of a", "bend"]
+    # The same joints with these names in the file, which MuJoCo then knows as well.
+    for name, joint in zip(names, joints, strict=False):
+        joints[joints.index(joint)] = joint.replace("<joint", f'<joint name="{name}"')
+    assert agreeing(written(tmp_path, in_a="".join(joints))) == chain
+
+
+HOOKS = '<site name="hook"/>', '<geom name="hook" size="0.1" mass="0"/>'
+BY_SITE = '<site site="eye"/><site site="hook"/>'
+BY_GEOM = '<site site="eye"/><geom geom="hook"/><site site="far"/>'
+
+
+@pytest.mark.parametrize(
+    ("in_world", "in_arm", "ends", "acts"),
+    [
+        (*HOOKS, BY_SITE, False),
+        (*HOOKS, BY_GEOM, True),
+        (*HOOKS[::-1], BY_SITE, True),
+        (*HOOKS[::-1], BY_GEOM, False),
+    ],
+)
+def test_a_site_and_a_geom_may_have_one_name(tmp_path, in_world, in_arm, ends, acts):
+    path = written(
+        tmp_path,
+        world=f'<site name="eye" pos="1 0 0"/><site name="far" pos="0 1 0"/>{in_world}',
+        in_b=in_arm,
+        sections=f"<tendon><spatial>{ends}</spatial></tendon>",
+    )
+    model = mujoco.MjModel.from_xml_path(str(path))
+    bodies_of = {
+        int(mujoco.mjtWrap.mjWRAP_SITE): model.site_bodyid,
+        int(mujoco.mjtWrap.mjWRAP_SPHERE): model.geom_bodyid,
+    }
+    bodies = [
+        bodies_of[kind][place]
+        for kind, place in zip(model.wrap_type, model.wrap_objid, strict=True)
+    ]
+    # The world is body 0.
+    assert acts == any(bodies)
+    if not acts:
+        assert Chain.from_mjcf(path).n == 2
+        return
+    with pytest.raises(ValueError, match=r"<tendon> must not act on the chain.*acts on b, world"):
+        Chain.from_mjcf(path)
