@@ -165,12 +165,21 @@ def _include(element: Element, path: Path, folder: Path, seen: set[Path]) -> Non
 def _require_zero(element: Element) -> None:
     for name, effect in _ZERO.get(element.tag, {}).items():
         text = element.attributes.get(name, "0")
-        # -1 and false are the defaults that switch an effect off.
-        if any(word not in ("0", "0.0", "-1", "false") for word in text.split()):
+        if _acts(element, name, text):
             raise ValueError(
                 f"{name} of <{element.tag}> must be zero: {effect} is not read; got {text!r}."
                 " Remove it."
             )
+
+
+def _acts(element: Element, name: str, text: str) -> bool:
+    """Whether an attribute of `_ZERO` has its effect."""
+    # The only one that is no number.
+    if name == "mocap":
+        return text not in ("0", "false")
+    values = numbers_of(element, name, len(text.split()) or 1, "0", f"<{element.tag}>")
+    # MuJoCo scales the masses to a positive total only; its default is -1.
+    return bool((values > 0).any() if name == "settotalmass" else values.any())
 
 
 @dataclasses.dataclass(frozen=True)
@@ -336,8 +345,6 @@ class _Reader:
         self.model.bodies[name] = body
         if reason:
             self.model.unread[name] = reason
-        if element.attributes.get("gravcomp", "0").strip() not in ("0", "0.0"):
-            self.model.gravity_compensated.append(name)
         self.children(element, here)
 
     def _add(self, joint: ModelJoint) -> None:
@@ -521,6 +528,8 @@ class _Reader:
         _require_zero(element)
         name = here.parent
         where = f"body {name}"
+        if numbers_of(element, "gravcomp", 1, "0", where)[0]:
+            self.model.gravity_compensated.append(name)
         inertials = [
             (child, place)
             for child, place in self._placed(element, here)

@@ -281,3 +281,59 @@ def test_a_site_and_a_geom_may_have_one_name(tmp_path, in_world, in_arm, ends, a
         return
     with pytest.raises(ValueError, match=r"<tendon> must not act on the chain.*acts on b, world"):
         Chain.from_mjcf(path)
+
+
+# -- zeros ---------------------------------------------------------------------------------------
+@pytest.mark.parametrize("zero", ["0.00", "0e0", "-0", "+.0", "0.", " 0 "])
+def test_zero_is_a_number(tmp_path, zero):
+    path = written(
+        tmp_path,
+        top=f'<option viscosity="{zero}" density="{zero}"/><compiler settotalmass="{zero}"/>',
+        in_a=f'<joint name="swing" axis="0 1 0" stiffness="{zero}" springdamper="{zero} {zero}"/>',
+    )
+    path.write_text(path.read_text().replace('name="b"', f'name="b" gravcomp="{zero}"'))
+    # A warning would be an error here.
+    assert agreeing(path).n == 2
+
+
+def test_a_negative_total_mass_is_none(tmp_path):
+    for total in ("-2", "-1.0"):
+        agreeing(written(tmp_path, top=f'<compiler settotalmass="{total}"/>'))
+
+
+# Of each attribute a text with an effect, and where MuJoCo has it.
+EFFECTS = {
+    "stiffness": ("-1", lambda model: model.jnt_stiffness[0]),
+    "viscosity": ("-1", lambda model: model.opt.viscosity),
+    "density": ("1e-3", lambda model: model.opt.density),
+}
+
+
+@pytest.mark.parametrize("name", EFFECTS)
+def test_what_is_not_zero_is_refused(tmp_path, name):
+    text, value = EFFECTS[name]
+    stated = f'{name}="{text}"'
+    joint = f'<joint name="swing" axis="0 1 0" {stated if name == "stiffness" else ""}/>'
+    top = f"<option {stated}/>" if name != "stiffness" else ""
+    path = written(tmp_path, top=top, in_a=joint)
+    assert value(mujoco.MjModel.from_xml_path(str(path))) == float(text)
+    with pytest.raises(ValueError, match=rf"{name} of <\w+> must be zero"):
+        Chain.from_mjcf(path)
+
+
+def test_a_total_mass_is_refused(tmp_path):
+    path = written(tmp_path, top='<compiler settotalmass="5"/>')
+    assert mujoco.MjModel.from_xml_path(str(path)).body_mass.sum() == pytest.approx(5)
+    with pytest.raises(ValueError, match="settotalmass of <compiler> must be zero"):
+        Chain.from_mjcf(path)
+
+
+def test_a_body_that_is_moved_by_hand_is_refused_where_it_moves(tmp_path):
+    for mocap, moved in (("false", False), ("true", True)):
+        path = written(tmp_path)
+        path.write_text(path.read_text().replace('name="b"', f'name="b" mocap="{mocap}"'))
+        if not moved:
+            agreeing(path)
+            continue
+        with pytest.raises(ValueError, match="mocap of <body> must be zero"):
+            Chain.from_mjcf(path)
