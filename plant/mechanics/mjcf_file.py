@@ -42,6 +42,19 @@ _TOP = (
     "worldbody",
 )
 _IN_BODY = ("body", "camera", "frame", "freejoint", "geom", "inertial", "joint", "light", "site")
+# The world does not move.
+_IN_WORLD = tuple(tag for tag in _IN_BODY if tag not in ("freejoint", "inertial", "joint"))
+# Elements in which a missing file may hold settings, classes, or what acts on any chain.
+_WHOLE_MODEL = (
+    "actuator",
+    "default",
+    "deformable",
+    "equality",
+    "mujoco",
+    "mujocoinclude",
+    "option",
+    "tendon",
+)
 # Attributes that must be zero, and the effect that they would have.
 _ZERO = {
     "joint": {"stiffness": "a spring", "springdamper": "a spring"},
@@ -98,6 +111,9 @@ def read_mjcf(path: str | Path) -> ModelFile:
         # The world does not move: its own geoms need no mass.
         reader.children(world, _Inside("world"))
     if len(model.bodies) == 1:
+        # The bodies may be in what was not read.
+        if model.unread_branches:
+            raise ValueError(model.unread_branches[0])
         raise ValueError("the file must have bodies; it has none. Give an MJCF file.")
     # Behind the bodies: constraints and actuators refer to them by name.
     reader.constraints(root)
@@ -130,7 +146,7 @@ def _include(element: Element, path: Path, folder: Path, seen: set[Path]) -> Non
 
     As in MuJoCo, a name is relative to the folder of `path`, or else to `folder`, which holds the
     file with the <include>. The function refuses a missing file at the top level of a file and in
-    <default>. Elsewhere the <include> of a missing file stays in the tree.
+    the elements of `_WHOLE_MODEL`. Elsewhere the <include> of a missing file stays in the tree.
     """
     children: list[Element] = []
     for child in element.children:
@@ -143,8 +159,7 @@ def _include(element: Element, path: Path, folder: Path, seen: set[Path]) -> Non
         places = [place / name for place in (path.parent, folder) if name]
         included = next((place for place in places if place.is_file()), None)
         if included is None:
-            # At this level the missing file may hold settings or classes of the whole model.
-            if element.tag in ("mujoco", "mujocoinclude", "default"):
+            if element.tag in _WHOLE_MODEL:
                 raise ValueError(
                     f"<include> must name a file that is there; {path.parent / name} is not. Put it"
                     f" beside {path.name}."
@@ -273,16 +288,17 @@ class _Reader:
 
     def children(self, element: Element, inside: _Inside) -> None:
         """The elements within a body or the world."""
+        allowed = _IN_WORLD if inside.parent == "world" else _IN_BODY
         for child, place in self._placed(element, inside):
             name = child.attributes.get("name", "")
             if child.tag == "body":
                 self.body(child, place)
             elif child.tag in ("site", "geom") and name:
                 self.bodies_of[child.tag, name] = inside.parent
-            elif child.tag not in _IN_BODY and inside.parent != "world":
-                allowed = ", ".join(_IN_BODY)
+            elif child.tag not in allowed:
                 reason = (
-                    f"<{child.tag}> must not be in {inside.parent}; only {allowed} may. Remove it."
+                    f"<{child.tag}> must not be in {inside.parent}; only {', '.join(allowed)} may."
+                    " Remove it."
                 )
                 if child.tag == "include":
                     reason = (
@@ -290,6 +306,8 @@ class _Reader:
                         f" {child.attributes.get('file', '')} is not. Put it beside the model."
                     )
                 self.model.unread.setdefault(inside.parent, reason)
+                if _may_move(child):
+                    self.model.unread_branches.append(reason)
 
     def body(self, element: Element, inside: _Inside) -> None:
         """A body, its joints, and the bodies within it."""
@@ -582,6 +600,11 @@ class _Reader:
 def _name_of(number: int, body: str) -> str:
     """The name that one of the unnamed joints of a body gets; they are counted from 1."""
     return f"joint of {body}" if number == 1 else f"joint {number} of {body}"
+
+
+def _may_move(element: Element) -> bool:
+    """Whether an element has joints, or stands for a file or a model that may have them."""
+    return element.tag in ("attach", "include", "joint") or any(map(_may_move, element.children))
 
 
 def holds(element: Element, *tags: str) -> bool:

@@ -337,3 +337,55 @@ def test_a_body_that_is_moved_by_hand_is_refused_where_it_moves(tmp_path):
             continue
         with pytest.raises(ValueError, match="mocap of <body> must be zero"):
             Chain.from_mjcf(path)
+
+
+# -- what is not read ----------------------------------------------------------------------------
+OTHER_ARM = f'<body name="other"><joint name="lift"/>{INERTIAL}</body>'
+REPLICA = f'<replicate count="2" offset="1 0 0">{OTHER_ARM}</replicate>'
+UNREAD = {
+    "a copied body": (REPLICA, r"<replicate> must not be in world"),
+    "a copied body in a frame": (f'<frame pos="0 1 0">{REPLICA}</frame>', r"<replicate> must not"),
+    "a copied body on a pedestal": (
+        f'<body name="pedestal">{REPLICA}</body>',
+        r"<replicate> must not be in pedestal",
+    ),
+    "another model": ('<attach model="m" prefix="p"/>', r"<attach> must not be in world"),
+    "a missing file": ('<include file="gone.xml"/>', r"<include> must name a file that is there"),
+    "a misspelt body": (OTHER_ARM.replace("body", "bodie"), r"<bodie> must not be in world"),
+    "a joint of the world": ("<joint/>", r"<joint> must not be in world"),
+}
+
+
+@pytest.mark.parametrize(("world", "said"), UNREAD.values(), ids=UNREAD)
+def test_a_branch_that_is_not_read_may_hold_the_chain(tmp_path, world, said):
+    path = written(tmp_path, world=world)
+    for sought in ({}, {"joints": ["lift0"]}, {"tip": "other0"}, {"base": "other0", "tip": "b"}):
+        with pytest.raises(ValueError, match=said):
+            Chain.from_mjcf(path, **sought)
+    # A chain that lies elsewhere does not need it.
+    expected = Chain.from_mjcf(written(tmp_path))
+    written(tmp_path, world=world)
+    assert Chain.from_mjcf(path, ["swing", "bend"]) == expected == Chain.from_mjcf(path, tip="b")
+    # A file may have nothing else.
+    path.write_text(f"<mujoco><worldbody>{world}</worldbody></mujoco>")
+    with pytest.raises(ValueError, match=said):
+        Chain.from_mjcf(path)
+
+
+def test_mujoco_has_the_joints_of_a_replicate(tmp_path):
+    model = mujoco.MjModel.from_xml_path(str(written(tmp_path, world=REPLICA)))
+    assert model.njnt == 4
+
+
+def test_a_copied_shape_has_no_joints(tmp_path):
+    tiles = '<replicate count="3" offset="1 0 0"><geom size="0.1"/></replicate>'
+    assert agreeing(written(tmp_path, world=tiles)).n == 2
+
+
+@pytest.mark.parametrize("section", ["actuator", "equality", "tendon", "default", "option"])
+def test_a_missing_file_of_what_acts_on_chains_is_refused(tmp_path, section):
+    path = written(tmp_path, top=f'<{section}><include file="gone.xml"/></{section}>')
+    with pytest.raises(ValueError, match=r"Error opening file 'gone.xml'"):
+        mujoco.MjModel.from_xml_path(str(path))
+    with pytest.raises(ValueError, match=r"<include> must name a file that is there; .*gone.xml"):
+        Chain.from_mjcf(path, ["bend"])
