@@ -5,6 +5,7 @@ The inertia matrix D(q) must be positive, and no joint may have less inertia tha
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -83,7 +84,7 @@ class FittedArm:
                 for unit in np.eye(len(self.f))
             ]
         )
-        if energy + SETTINGS.deviations * np.sqrt(row @ self.covariance @ row) > 0:
+        if energy + SETTINGS.deviations * _deviation(row @ self.covariance @ row) > 0:
             return ""
         pose = np.array2string(q, precision=2, separator=", ")
         reason = "Check units (rad, joint side N m), signs and the order of the joints"
@@ -121,7 +122,7 @@ class FittedArm:
         # At the pose in which the log begins; each inertia is linear in f.
         rows = shaft_inertias(self.dynamics, self.rig, self.q[0])
         inertia = self.f @ rows
-        std = np.sqrt(np.einsum("ki,kl,li->i", rows, self.covariance, rows))
+        std = _deviation(np.einsum("ki,kl,li->i", rows, self.covariance, rows))
         rotors = self.rig.drive.reflected_inertia()
         alone = {} if self.rough else rotors_alone(self.dynamics)
         below = SETTINGS.rough if self.rough else SETTINGS.below
@@ -137,7 +138,7 @@ class FittedArm:
                     f" as stated, {stated}: check motor_inertia{unit_of_torque} and gear."
                 )
             elif k >= 0 and self.dynamics.names[k] in self.fitted:
-                limit = SETTINGS.deviations * np.sqrt(self.covariance[k, k])
+                limit = SETTINGS.deviations * _deviation(self.covariance[k, k])
                 limit += SETTINGS.differing * rotors[i]
                 if abs(self.f[k] - rotors[i]) > limit > 0:  # 0: no deviation, no stated rotor
                     yield (
@@ -145,3 +146,8 @@ class FittedArm:
                         f" {self.f[k]:.3g} {unit}, {stated}. The law has what was found; what is"
                         " said of elastic joints has what is stated. Check motor_inertia and gear."
                     )
+
+
+def _deviation(variance: Any) -> Any:
+    """Standard deviation; zero of a variance that rounding has made negative."""
+    return np.sqrt(np.maximum(variance, 0.0))

@@ -3,6 +3,7 @@
 import dataclasses
 import itertools
 import math
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -41,6 +42,19 @@ _TOP = (
     "worldbody",
 )
 _IN_BODY = ("body", "camera", "frame", "freejoint", "geom", "inertial", "joint", "light", "site")
+# The world does not move.
+_IN_WORLD = tuple(tag for tag in _IN_BODY if tag not in ("freejoint", "inertial", "joint"))
+# Elements in which a missing file may hold settings, classes, or what acts on any chain.
+_WHOLE_MODEL = (
+    "actuator",
+    "default",
+    "deformable",
+    "equality",
+    "mujoco",
+    "mujocoinclude",
+    "option",
+    "tendon",
+)
 # Attributes that must be zero, and the effect that they would have.
 _ZERO = {
     "joint": {"stiffness": "a spring", "springdamper": "a spring"},
@@ -66,7 +80,8 @@ _ACTUATORS = (
 # Attributes that name the ends of a constraint, a tendon or a flexible body.
 _JOINT_ENDS = ("joint", "joint1", "joint2")
 _BODY_ENDS = ("body", "body1", "body2")
-_SITE_ENDS = ("site", "site1", "site2", "geom", "sidesite")
+_SITE_ENDS = ("site", "site1", "site2", "sidesite")
+_GEOM_ENDS = ("geom",)
 _TENDON_ENDS = ("tendon", "tendon1", "tendon2")
 
 
@@ -84,17 +99,21 @@ def read_mjcf(path: str | Path) -> ModelFile:
                 f"<{element.tag}> must not be in the file: no chain has what it describes."
                 " Remove it."
             )
-        _require_zero(element)
+    compiler = _together(root, "compiler")
+    option = _together(root, "option")
+    _require_zero(compiler)
+    _require_zero(option)
     model = ModelFile(path=Path(path), data=data, bodies={"world": None}, joints={}, links={})
     # Compiler and defaults hold for the whole file, wherever they stand in it.
-    reader = _Reader(root, model)
-    for option in root.all("option"):
-        gravity = numbers_of(option, "gravity", 3, "0 0 -9.81", "option")
-        model.gravity = (float(gravity[0]), float(gravity[1]), float(gravity[2]))
+    reader = _Reader(root, compiler, model)
+    model.gravity = _gravity(option)
     for world in root.all("worldbody"):
         # The world does not move: its own geoms need no mass.
         reader.children(world, _Inside("world"))
     if len(model.bodies) == 1:
+        # The bodies may be in what was not read.
+        if model.unread_branches:
+            raise ValueError(model.unread_branches[0])
         raise ValueError("the file must have bodies; it has none. Give an MJCF file.")
     # Behind the bodies: constraints and actuators refer to them by name.
     reader.constraints(root)
@@ -102,12 +121,32 @@ def read_mjcf(path: str | Path) -> ModelFile:
     return model
 
 
+def _together(element: Element, tag: str) -> Element:
+    """Return all children of this tag as one element.
+
+    As in MuJoCo, a later one changes only the attributes that it states.
+    """
+    union = Element(tag, {}, [], element.path)
+    for child in element.all(tag):
+        union.attributes |= child.attributes
+        union.children += child.children
+    return union
+
+
+def _gravity(option: Element) -> tuple[float, float, float]:
+    flag = _together(option, "flag").attributes.get("gravity", "enable")
+    if choice("gravity of <flag>", flag, ("enable", "disable")) == "disable":
+        return 0.0, 0.0, 0.0
+    x, y, z = numbers_of(option, "gravity", 3, "0 0 -9.81", "option")
+    return float(x), float(y), float(z)
+
+
 def _include(element: Element, path: Path, folder: Path, seen: set[Path]) -> None:
     """Replace each <include> by the elements of the file that it names.
 
     As in MuJoCo, a name is relative to the folder of `path`, or else to `folder`, which holds the
     file with the <include>. The function refuses a missing file at the top level of a file and in
-    <default>. Elsewhere the <include> of a missing file stays in the tree.
+    the elements of `_WHOLE_MODEL`. Elsewhere the <include> of a missing file stays in the tree.
     """
     children: list[Element] = []
     for child in element.children:
@@ -120,8 +159,7 @@ def _include(element: Element, path: Path, folder: Path, seen: set[Path]) -> Non
         places = [place / name for place in (path.parent, folder) if name]
         included = next((place for place in places if place.is_file()), None)
         if included is None:
-            # At this level the missing file may hold settings or classes of the whole model.
-            if element.tag in ("mujoco", "mujocoinclude", "default"):
+            if element.tag in _WHOLE_MODEL:
                 raise ValueError(
                     f"<include> must name a file that is there; {path.parent / name} is not. Put it"
                     f" beside {path.name}."
@@ -142,63 +180,70 @@ def _include(element: Element, path: Path, folder: Path, seen: set[Path]) -> Non
 def _require_zero(element: Element) -> None:
     for name, effect in _ZERO.get(element.tag, {}).items():
         text = element.attributes.get(name, "0")
-        # -1 and false are the defaults that switch an effect off.
-        if any(word not in ("0", "0.0", "-1", "false") for word in text.split()):
+        if _acts(element, name, text):
             raise ValueError(
                 f"{name} of <{element.tag}> must be zero: {effect} is not read; got {text!r}."
                 " Remove it."
             )
 
 
+def _acts(element: Element, name: str, text: str) -> bool:
+    """Whether an attribute of `_ZERO` has its effect."""
+    # The only one that is no number.
+    if name == "mocap":
+        return text not in ("0", "false")
+    values = numbers_of(element, name, len(text.split()) or 1, "0", f"<{element.tag}>")
+    # MuJoCo scales the masses to a positive total only; its default is -1.
+    return bool((values > 0).any() if name == "settotalmass" else values.any())
+
+
 @dataclasses.dataclass(frozen=True)
 class _Inside:
-    """Where a body stands: its parent, the pose of frames between, the class, whether it moves."""
+    """Where an element stands: in which body, the pose of frames between, the class.
+
+    `moves` is whether the body moves, and `misplaced` why the pose cannot be read, if it cannot.
+    """
 
     # The world is a parent as any other body.
     parent: str
     pose: Placement = HERE
     inherited: str = "main"
     moves: bool = False
+    misplaced: str = ""
 
 
 class _Reader:
     """Walks through the bodies, with the compiler's settings and the default classes."""
 
-    def __init__(self, root: Element, model: ModelFile) -> None:
+    def __init__(self, root: Element, compiler: Element, model: ModelFile) -> None:
         self.model = model
         # Bodies may lack names, yet chains begin and end at names.
         self.unnamed = itertools.count(1)
         # Defaults of MuJoCo: degrees, intrinsic xyz angles, limits wherever a range is stated.
-        self.degrees = True
-        self.sequence = "xyz"
-        self.autolimits = True
-        self.from_geoms = False
-        self.balance = False
-        self.least_mass = self.least_inertia = 0.0
+        get = compiler.attributes.get
+        unit = choice("angle of <compiler>", get("angle", "degree"), ("degree", "radian"))
+        self.degrees = unit == "degree"
+        self.sequence = get("eulerseq", "xyz")
+        if len(self.sequence) != 3 or set(self.sequence.lower()) - set("xyz"):
+            raise ValueError(
+                f"eulerseq must be three of xyz or XYZ; got {self.sequence!r}. Correct it."
+            )
+        self.autolimits = get("autolimits", "true") == "true"
+        self.from_geoms = get("inertiafromgeom", "auto") == "true"
+        self.balance = get("balanceinertia", "false") == "true"
+        self.least_mass = numbers_of(compiler, "boundmass", 1, "0", "compiler")[0]
+        self.least_inertia = numbers_of(compiler, "boundinertia", 1, "0", "compiler")[0]
+        if get("coordinate", "local") != "local":
+            raise ValueError(
+                "coordinates must be local; the file has global ones. Load and save it with"
+                " MuJoCo 2.3."
+            )
         # For each default class: the attributes of its joints, and those of its actuators.
         self.defaults: dict[str, dict[str, str]] = {"main": {}}
         self.actuator_defaults: dict[str, dict[str, str]] = {"main": {}}
-        # The bodies of sites and geoms, at which tendons and constraints act.
-        self.bodies_of: dict[str, str] = {}
-        for element in root.all("compiler"):
-            get = element.attributes.get
-            unit = choice("angle of <compiler>", get("angle", "degree"), ("degree", "radian"))
-            self.degrees = unit == "degree"
-            self.sequence = get("eulerseq", "xyz")
-            self.autolimits = get("autolimits", "true") == "true"
-            if len(self.sequence) != 3 or set(self.sequence.lower()) - set("xyz"):
-                raise ValueError(
-                    f"eulerseq must be three of xyz or XYZ; got {self.sequence!r}. Correct it."
-                )
-            self.from_geoms = get("inertiafromgeom", "auto") == "true"
-            self.balance = get("balanceinertia", "false") == "true"
-            self.least_mass = numbers_of(element, "boundmass", 1, "0", "compiler")[0]
-            self.least_inertia = numbers_of(element, "boundinertia", 1, "0", "compiler")[0]
-            if get("coordinate", "local") != "local":
-                raise ValueError(
-                    "coordinates must be local; the file has global ones. Load and save it with"
-                    " MuJoCo 2.3."
-                )
+        # The bodies of sites and geoms, at which tendons and constraints act. A site and a geom may
+        # have the same name.
+        self.bodies_of: dict[tuple[str, str], str] = {}
         for element in root.all("default"):
             self._class(element, {}, {}, "main")
 
@@ -223,26 +268,37 @@ class _Reader:
         rotation = rotation_of(element, where, degrees=self.degrees, sequence=self.sequence)
         return Placement(rotation=rotation, position=numbers_of(element, "pos", 3, "0 0 0", where))
 
-    def children(self, element: Element, inside: _Inside) -> None:
-        """The elements within a body, a frame, or in the world."""
+    def _placed(self, element: Element, inside: _Inside) -> Iterator[tuple[Element, _Inside]]:
+        """Yield the children of a body or the world, also those in its frames, with their places.
+
+        A frame is a pose that its children share, and no body.
+        """
         for child in element.children:
+            if child.tag != "frame":
+                yield child, inside
+                continue
+            pose, reason = deferred(HERE, self._pose, child, f"frame in {inside.parent}")
+            within = dataclasses.replace(
+                inside,
+                pose=inside.pose @ pose,
+                inherited=child.attributes.get("childclass", inside.inherited),
+                misplaced=inside.misplaced or reason,
+            )
+            yield from self._placed(child, within)
+
+    def children(self, element: Element, inside: _Inside) -> None:
+        """The elements within a body or the world."""
+        allowed = _IN_WORLD if inside.parent == "world" else _IN_BODY
+        for child, place in self._placed(element, inside):
             name = child.attributes.get("name", "")
             if child.tag == "body":
-                self.body(child, inside)
-            elif child.tag == "frame":
-                # A frame is a pose that its children share, and no body.
-                pose, reason = deferred(HERE, self._pose, child, "frame")
-                inherited = child.attributes.get("childclass", inside.inherited)
-                within = dataclasses.replace(inside, pose=inside.pose @ pose, inherited=inherited)
-                if reason:
-                    self.model.unread.setdefault(inside.parent, reason)
-                self.children(child, within)
+                self.body(child, place)
             elif child.tag in ("site", "geom") and name:
-                self.bodies_of[name] = inside.parent
-            elif child.tag not in _IN_BODY and inside.parent != "world":
-                allowed = ", ".join(_IN_BODY)
+                self.bodies_of[child.tag, name] = inside.parent
+            elif child.tag not in allowed:
                 reason = (
-                    f"<{child.tag}> must not be in {inside.parent}; only {allowed} may. Remove it."
+                    f"<{child.tag}> must not be in {inside.parent}; only {', '.join(allowed)} may."
+                    " Remove it."
                 )
                 if child.tag == "include":
                     reason = (
@@ -250,6 +306,8 @@ class _Reader:
                         f" {child.attributes.get('file', '')} is not. Put it beside the model."
                     )
                 self.model.unread.setdefault(inside.parent, reason)
+                if _may_move(child):
+                    self.model.unread_branches.append(reason)
 
     def body(self, element: Element, inside: _Inside) -> None:
         """A body, its joints, and the bodies within it."""
@@ -262,18 +320,26 @@ class _Reader:
             )
         # A class of children holds for the whole subtree, until another one replaces it.
         inherited = element.attributes.get("childclass", inside.inherited)
-        pose, misplaced = deferred(HERE, self._pose, element, where)
+        pose, reason = deferred(HERE, self._pose, element, where)
+        misplaced = inside.misplaced or reason
         origin = inside.pose @ pose
-        joints = [child for child in element.children if child.tag in ("joint", "freejoint")]
         # A body moves once any joint lies between it and the world.
-        moves = inside.moves or bool(joints)
+        moves = inside.moves or holds(element, "joint", "freejoint")
+        here = _Inside(name, inherited=inherited, moves=moves)
+        joints = [
+            (child, place)
+            for child, place in self._placed(element, here)
+            if child.tag in ("joint", "freejoint")
+        ]
         parent = inside.parent
         # Several joints of one body form a series. Bodies without mass lie between them, at the
         # place of the body.
-        for joint_element in joints:
-            joint = self._joint(joint_element, name, parent, origin, inherited)
+        unnamed = itertools.count(1)
+        for count, (joint_element, place) in enumerate(joints, 1):
+            joint_name = joint_element.attributes.get("name") or _name_of(next(unnamed), name)
+            joint = self._joint(joint_element, joint_name, place, parent, origin)
             self._add(dataclasses.replace(joint, misplaced=misplaced))
-            if joint_element is joints[-1]:
+            if count == len(joints):
                 break
             parent = f"{name} behind {joint.name}"
             joint.child = self.model.joints[joint.name].child = parent
@@ -293,13 +359,11 @@ class _Reader:
             self._add(weld)
         # The element itself is stored, since geoms and names of it are read elsewhere.
         self.model.links[name] = element
-        body, reason = deferred(None, self._inertial, element, name, moves)
+        body, reason = deferred(None, self._inertial, element, here)
         self.model.bodies[name] = body
         if reason:
             self.model.unread[name] = reason
-        if element.attributes.get("gravcomp", "0").strip() not in ("0", "0.0"):
-            self.model.gravity_compensated.append(name)
-        self.children(element, _Inside(name, HERE, inherited, moves))
+        self.children(element, here)
 
     def _add(self, joint: ModelJoint) -> None:
         if joint.name in self.model.joints:
@@ -310,15 +374,14 @@ class _Reader:
         self.model.joints[joint.name] = joint
 
     def _joint(
-        self, element: Element, body: str, parent: str, origin: Placement, inherited: str
+        self, element: Element, name: str, place: _Inside, parent: str, origin: Placement
     ) -> ModelJoint:
-        name = element.attributes.get("name") or f"joint of {body}"
         where = f"joint {name}"
         joint = ModelJoint(
             name=name,
             kind=element.attributes.get("type", "hinge") if element.tag == "joint" else "free",
             parent=parent,
-            child=body,
+            child=place.parent,
             origin=origin,
             axis=np.eye(3)[2],
             element=element,
@@ -326,13 +389,17 @@ class _Reader:
         # A chain that holds the joint at zero needs only its pose. An error in the motion is
         # therefore stored, not raised.
         unmoved = dict[str, Any]()
-        motion, reason = deferred(unmoved, self._motion, element, where, inherited)
+        motion, reason = deferred(unmoved, self._motion, element, where, place)
         return dataclasses.replace(joint, immovable=reason, **motion)
 
-    def _motion(self, element: Element, where: str, inherited: str) -> dict[str, Any]:
+    def _motion(self, element: Element, where: str, place: _Inside) -> dict[str, Any]:
         """The fields of a `ModelJoint` that only a joint which moves needs."""
+        if place.misplaced:
+            raise ValueError(place.misplaced)
         class_name = choice(
-            f"class of {where}", element.attributes.get("class", inherited), tuple(self.defaults)
+            f"class of {where}",
+            element.attributes.get("class", place.inherited),
+            tuple(self.defaults),
         )
         # Attributes of the joint win over those of its class.
         element = dataclasses.replace(
@@ -353,46 +420,54 @@ class _Reader:
             raise ValueError(
                 f"{where} must have an axis that is not zero; got {axis.tolist()}. Correct it."
             )
-        x, y, z = numbers_of(element, "pos", 3, "0 0 0", where)
-        lower, upper = numbers_of(element, "range", 2, "0 0", where) * unit
-        if not self._limited(element, "limited", "range"):
-            lower = -math.inf
-            upper = math.inf
-        # The two forces may have signs of their own; a `Limits` holds magnitudes. Zero means no
-        # limit.
-        force = max(np.abs(numbers_of(element, "actuatorfrcrange", 2, "0 0", where)))
+        anchor = Placement(position=numbers_of(element, "pos", 3, "0 0 0", where))
+        lower, upper = self._range(element, "range", "limited", where) * unit
+        # The two forces may have signs of their own; a `Limits` holds magnitudes.
+        forces = self._range(element, "actuatorfrcrange", "actuatorfrclimited", where)
         return {
             "kind": "revolute" if kind == "hinge" else "prismatic",
-            "axis": axis,
-            "anchor": (x, y, z),
+            "axis": np.array(place.pose.rotation) @ axis,
+            "anchor": (place.pose @ anchor).position,
             "zero": numbers_of(element, "ref", 1, "0", where)[0] * unit,
-            "limits": (lower, upper, math.inf, float(force) or math.inf),
+            "limits": (lower, upper, math.inf, float(np.abs(forces).max())),
             "armature": numbers_of(element, "armature", 1, "0", where)[0],
             "element": element,
         }
 
-    def _limited(self, element: Element, switch: str, range_name: str) -> bool:
-        """Return whether a range limits: `switch` decides, if it is not "auto".
+    def _range(self, element: Element, name: str, switch: str, where: str) -> Floats:
+        """The ends (2,) of a range; infinite if the range does not limit.
 
-        If it is "auto" or missing, a stated range limits where the compiler has autolimits.
+        A `switch` of "true" or "false" decides. If it is "auto" or missing, the range limits if the
+        compiler has autolimits and the ends differ, as in MuJoCo.
         """
-        limited = element.attributes.get(switch, "auto")
-        return limited == "true" or (
-            limited == "auto" and self.autolimits and range_name in element.attributes
+        limited = choice(
+            f"{switch} of {where}",
+            element.attributes.get(switch, "auto"),
+            ("auto", "false", "true"),
         )
+        default = None if limited == "true" else "0 0"
+        lower, upper = numbers_of(element, name, 2, default, where)
+        if limited == "false" or (limited == "auto" and (not self.autolimits or lower == upper)):
+            return np.array([-math.inf, math.inf])
+        # MuJoCo ignores a range with exchanged ends, unless the switch is "true". A limit that is
+        # meant would then be missing.
+        if lower >= upper:
+            raise ValueError(
+                f"{name} of {where} must be two numbers that rise; got {lower:g} and {upper:g}."
+                f" Correct it, or set {switch} to false."
+            )
+        return np.array([lower, upper])
 
     def actuators(self, root: Element) -> None:
         """Lower the effort limit of each joint to the sum of its actuators' efforts."""
         efforts: dict[str, float] = {}
         for actuator in (child for element in root.all("actuator") for child in element.children):
-            of_class = self.actuator_defaults.get(actuator.attributes.get("class", "main"), {})
-            element = dataclasses.replace(actuator, attributes=of_class | actuator.attributes)
-            get = element.attributes.get
+            get = actuator.attributes.get
             joint = get("joint", get("jointinparent", ""))
             if joint not in self.model.joints:
                 continue
             # An actuator that cannot be read spoils its joint alone; a chain may leave it out.
-            effort, reason = deferred(math.inf, self._effort, element)
+            effort, reason = deferred(math.inf, self._effort, actuator)
             # Several actuators on one joint add up.
             efforts[joint] = efforts.get(joint, 0.0) + effort
             if reason:
@@ -404,16 +479,26 @@ class _Reader:
     def _effort(self, element: Element) -> float:
         """The largest effort of an actuator on its joint; infinite if it states none."""
         where = f"<{element.tag}> {element.attributes.get('name', '')}".strip()
+        class_name = choice(
+            f"class of {where}",
+            element.attributes.get("class", "main"),
+            tuple(self.actuator_defaults),
+        )
+        # Attributes of the actuator win over those of its class.
+        element = dataclasses.replace(
+            element, attributes=self.actuator_defaults[class_name] | element.attributes
+        )
         # Of up to six numbers the first acts on a hinge or a slide.
         words = element.attributes.get("gear", "1").split()
         gear = numbers_of(element, "gear", len(words) or 1, "1", where)[0]
-        limits = [math.inf]
-        if self._limited(element, "forcelimited", "forcerange"):
-            limits.append(np.abs(numbers_of(element, "forcerange", 2, None, where)).max())
+        forces = self._range(element, "forcerange", "forcelimited", where)
         # The control of a motor is its force.
-        if element.tag == "motor" and self._limited(element, "ctrllimited", "ctrlrange"):
-            limits.append(np.abs(numbers_of(element, "ctrlrange", 2, None, where)).max())
-        return float(abs(gear) * min(limits)) if gear and min(limits) > 0 else math.inf
+        controls = forces
+        if element.tag == "motor":
+            controls = self._range(element, "ctrlrange", "ctrllimited", where)
+        effort = min(np.abs(forces).max(), np.abs(controls).max())
+        # A gear of zero passes nothing on, also of an actuator without a limit.
+        return float(abs(gear) * effort) if gear else 0.0
 
     def constraints(self, root: Element) -> None:
         """What tendons, equalities and flexible bodies act on; skins are drawn only."""
@@ -427,9 +512,10 @@ class _Reader:
                 for one in (element, *element.children):
                     joints += self._named(one, _JOINT_ENDS)
                     links += self._named(one, _BODY_ENDS)
-                    links += [
-                        self.bodies_of.get(name, name) for name in self._named(one, _SITE_ENDS)
-                    ]
+                    for tag, ends in (("site", _SITE_ENDS), ("geom", _GEOM_ENDS)):
+                        links += [
+                            self.bodies_of.get((tag, name), name) for name in self._named(one, ends)
+                        ]
                     for name in self._named(one, _TENDON_ENDS):
                         joints += tendons.get(name, ([], []))[0]
                         links += tendons.get(name, ([], []))[1]
@@ -451,33 +537,43 @@ class _Reader:
             for word in element.attributes.get(attribute, "").split()
         ]
 
-    def _inertial(self, element: Element, name: str, moves: bool) -> Body | None:
+    def _inertial(self, element: Element, here: _Inside) -> Body | None:
         """Return the body that <inertial> describes.
 
         A body without <inertial> starts from zero mass if it has no geom or never moves. Any other
         body must have one <inertial>.
         """
         _require_zero(element)
-        elements = element.all("inertial")
+        name = here.parent
         where = f"body {name}"
-        geoms = _has_geoms(element)
-        if self.from_geoms and geoms and moves:
+        if numbers_of(element, "gravcomp", 1, "0", where)[0]:
+            self.model.gravity_compensated.append(name)
+        inertials = [
+            (child, place)
+            for child, place in self._placed(element, here)
+            if child.tag == "inertial"
+        ]
+        geoms = holds(element, "geom")
+        if self.from_geoms and geoms and here.moves:
             raise ValueError(
                 f"{where} must have its mass from <inertial>, since geoms are not read; the file"
                 " has inertiafromgeom. Give each body its <inertial>."
             )
         # A body without geoms, or fixed to the world, needs no mass.
-        if not elements and (not geoms or not moves):
+        if not inertials and (not geoms or not here.moves):
             return self._bounded(0.0, np.zeros(6), name, HERE)
-        if len(elements) != 1:
+        if len(inertials) != 1:
+            advice = "Remove all but one." if inertials else "Add it."
             raise ValueError(
-                f"{where} must have one <inertial>: geoms are not read; it has {len(elements)}."
-                " Add it."
+                f"{where} must have one <inertial>: geoms are not read; it has {len(inertials)}."
+                f" {advice}"
             )
         # The mass and its place come from the same element; moments have two notations.
-        inertial = elements[0]
+        inertial, place = inertials[0]
+        if place.misplaced:
+            raise ValueError(place.misplaced)
         mass = numbers_of(inertial, "mass", 1, None, where)[0]
-        pose = self._pose(inertial, where)
+        pose = place.pose @ self._pose(inertial, where)
         if "fullinertia" in inertial.attributes:
             # The order of MuJoCo differs from that of `Body.inertia`.
             inertia = np.zeros(6)
@@ -501,9 +597,19 @@ class _Reader:
         return body_in(max(mass, self.least_mass), inertia, name, pose)
 
 
-def _has_geoms(element: Element) -> bool:
-    """Whether a body has geoms of its own, in frames too."""
+def _name_of(number: int, body: str) -> str:
+    """The name that one of the unnamed joints of a body gets; they are counted from 1."""
+    return f"joint of {body}" if number == 1 else f"joint {number} of {body}"
+
+
+def _may_move(element: Element) -> bool:
+    """Whether an element has joints, or stands for a file or a model that may have them."""
+    return element.tag in ("attach", "include", "joint") or any(map(_may_move, element.children))
+
+
+def holds(element: Element, *tags: str) -> bool:
+    """Whether a body has elements of these tags of its own, in frames too."""
     return any(
-        child.tag == "geom" or (child.tag == "frame" and _has_geoms(child))
+        child.tag in tags or (child.tag == "frame" and holds(child, *tags))
         for child in element.children
     )

@@ -84,8 +84,9 @@ class ModelFile:
     """Content of a model file: links with their bodies (None without mass), joints, gravity.
 
     `links` holds the element of each link, `data` the bytes of the file. A file may have much that
-    a chain does not need: `unread` holds why the body of a link cannot be read, `constraints` what
-    acts beside the joints, `gravity_compensated` the links whose weight the file takes away.
+    a chain does not need: `unread` holds why the body of a link cannot be read, `unread_branches`
+    why parts that may have joints cannot, `constraints` what acts beside the joints,
+    `gravity_compensated` the links whose weight the file takes away.
     """
 
     path: Path
@@ -95,6 +96,7 @@ class ModelFile:
     links: dict[str, Element]
     gravity: tuple[float, float, float] = (0.0, 0.0, -9.81)
     unread: dict[str, str] = dataclasses.field(default_factory=dict)
+    unread_branches: list[str] = dataclasses.field(default_factory=list)
     constraints: list[Constraint] = dataclasses.field(default_factory=list)
     gravity_compensated: list[str] = dataclasses.field(default_factory=list)
 
@@ -105,6 +107,7 @@ class ModelFile:
 
         By default all that move, except those that mimic another joint or are mimicked.
         """
+        self._require_read(names, base, tip)
         # base and tip name the joints between them, so a list of joints would contradict them.
         if base is not None or tip is not None:
             base = None if base is None else choice("base", base, tuple(self.bodies))
@@ -116,6 +119,19 @@ class ModelFile:
         # A loop would let the walks below run for ever.
         _require_tree(self.joints)
         return _chosen(self.joints, names)
+
+    def _require_read(self, names: Sequence[str] | None, base: str | None, tip: str | None) -> None:
+        """Refuse a chain that may lie in a part of the file that was not read.
+
+        A chain whose joints or ends are all in the rest of the file lies there.
+        """
+        if not self.unread_branches:
+            return
+        stated = names is not None or tip is not None
+        present = set(names or ()) <= self.joints.keys()
+        present &= {base, tip} - {None} <= self.bodies.keys()
+        if not stated or not present:
+            raise ValueError(self.unread_branches[0])
 
     def joints_between(self, base: str | None, tip: str) -> list[str]:
         """Names of the independent joints from a base link (default: the root) to a tip link."""

@@ -7,7 +7,7 @@ import numpy as np
 
 from plant.machine.drive import Drive
 from plant.mechanics.body import Body
-from plant.mechanics.mjcf_file import FULL
+from plant.mechanics.mjcf_file import FULL, holds
 from plant.mechanics.model_tree import MOVING, ModelFile, ModelJoint
 from plant.mechanics.placement import Placement
 from plant.mechanics.urdf_file import INERTIA, origin_of
@@ -83,6 +83,12 @@ def mjcf_inertial(data: bytes, body_element: Element, body: Body) -> list[Edit]:
     """Edits that give an MJCF body this body, with a full inertia in the body's own axes."""
     inertial = body_element.find("inertial")
     if inertial is None:
+        # A second one would stand beside it, and MuJoCo takes the last.
+        if holds(body_element, "inertial"):
+            raise ValueError(
+                "<inertial> must stand in its body to be written; that of"
+                f" {body_element.attributes.get('name', 'a body')} is in a <frame>. Move it out."
+            )
         return [body_element.child_edit(data, _mjcf_inertial_text(body), first=True)]
     # None removes an attribute: a full inertia allows no axes and no diagonal beside it.
     values: dict[str, str | None] = dict.fromkeys((*ORIENTATIONS, "diaginertia"))

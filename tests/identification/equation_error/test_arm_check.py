@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from identification import fit_torque
+from identification.equation_error.arm_check import FittedArm
 from plant import Body, Chain, Drive, Dynamics, Encoder, Harmonics, Link, Rig
 
 CHAIN = Chain(
@@ -110,3 +111,23 @@ def test_a_rotor_that_is_stated_too_large_is_named(motion):
     drive = dataclasses.replace(RIG.drive, motor_inertia=ROTOR * (1, 30))
     (doubt,) = fit_torque(DYNAMICS, q, torque, rig=dataclasses.replace(RIG, drive=drive)).doubts
     assert doubt.startswith("the inertia of joint swing (q[1])")
+
+
+def rounded(rig):
+    """The true parameters, with variances that rounding has made slightly negative."""
+    return FittedArm(
+        dynamics=DYNAMICS,
+        rig=rig,
+        f=ARM.f,
+        covariance=-1e-20 * np.eye(len(ARM.f)),
+        q=np.zeros((1, 2)),
+        fitted=DYNAMICS.names,
+        rough=False,
+    )
+
+
+def test_a_variance_that_is_negative_by_rounding_is_zero():
+    assert list(rounded(RIG).doubts()) == []
+    # Nor does it hide a doubt.
+    drive = dataclasses.replace(RIG.drive, motor_inertia=ROTOR * (1, 30))
+    assert list(rounded(dataclasses.replace(RIG, drive=drive)).doubts())

@@ -496,6 +496,18 @@ def test_an_inertial_in_an_included_file_is_not_written(tmp_path):
         write_model(dynamics.arm(1.1 * dynamics.f()), tmp_path / "main.xml", tmp_path / "new.xml")
 
 
+def test_an_inertial_in_a_frame_is_not_written(tmp_path):
+    """A second one would stand beside it, of which MuJoCo takes one."""
+    source = tmp_path / "arm.xml"
+    source.write_text(
+        '<mujoco><worldbody><body name="b"><joint name="j"/><frame pos="0 0 1">'
+        '<inertial pos="0.1 0 0" mass="1" diaginertia="1 1 1"/></frame></body></worldbody></mujoco>'
+    )
+    dynamics = Dynamics.from_chain(Chain.from_mjcf(source), rotors=False)
+    with pytest.raises(ValueError, match=r"that of b is in a <frame>"):
+        write_model(dynamics.arm(dynamics.f() * 1.1), source, tmp_path / "new.xml")
+
+
 def test_coupled_rotors_have_no_armature(files, tmp_path):
     chain = with_rotors(Chain.from_mjcf(files / "0.xml"), 0.2).coupled(
         Coupling(matrix=np.eye(4) + np.eye(4, k=-1))
