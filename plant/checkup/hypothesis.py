@@ -154,8 +154,8 @@ class Hypothesis(Generic[Experiment]):
                 if name is not None and name not in SENTENCE_FIELDS:
                     raise ValueError(
                         f"hypothesis {self.name!r}: expected fields among "
-                        f"{', '.join(SENTENCE_FIELDS)}; got {{{name}}} in {text!r}; "
-                        f"use one of these fields, or write {{{{ and }}}} for braces"
+                        f"{', '.join(SENTENCE_FIELDS)}; got {{{name}}} in {text!r}. "
+                        f"Use one of these fields, or write {{{{ and }}}} for braces."
                     )
 
 
