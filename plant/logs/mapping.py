@@ -207,7 +207,10 @@ def _without_torque_delay(values, samples):
     if not samples:
         return {}
     return {
-        name: np.concatenate([values[name][samples:], np.full_like(values[name][:samples], np.nan)])
+        # Floats, since a column of whole numbers has no NaN.
+        name: np.concatenate(
+            [values[name][samples:], np.full_like(values[name][:samples], np.nan, dtype=float)]
+        )
         for name in fields
     }
 
