@@ -175,7 +175,7 @@ def record_fields(
         fields["reference"] = path = path_through(t[logged], angles[logged], commanded[logged], rig)
         if path is not None and not logged.all():
             # Here `_held` has repeated the previous command; the path knows the true one.
-            commanded[~logged] = rig.counts(path(t[~logged] - t[logged][0]).q)
+            commanded[~logged] = rig.counts(path(t[~logged]).q)
     counts = fields.pop("counts", None)
     commanded = fields.get("reference_pulses")
     if commanded is None and reference is not None:
