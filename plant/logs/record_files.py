@@ -353,10 +353,6 @@ class FromFiles:
             "initial": initial,
             "name": name,
         }
-        # Lists become tuples: records hash their mapping, and a list has no hash.
-        arguments["columns"] = {
-            key: value if isinstance(value, str) else tuple(value) for key, value in columns.items()
-        }
         # Fields of the table take precedence: a path in it becomes the reference.
         fields = record_fields(
             table,
@@ -368,6 +364,10 @@ class FromFiles:
             held=held,
             torque_delay=torque_delay,
         )
+        # Lists become tuples: records hash their mapping, and a list has no hash.
+        arguments["columns"] = {
+            key: value if isinstance(value, str) else tuple(value) for key, value in columns.items()
+        }
         record = cls(
             **arguments | {key: value for key, value in fields.items() if value is not None}
         )
