@@ -138,9 +138,10 @@ class LoadShape:
             advice="Give the shortest and the longest distance, such as (0.2, 0.5) [m].",
         )
         # Equal ends are a known position, with arguments of its own.
-        if not ends[0] < ends[1]:
+        if not 0 <= ends[0] < ends[1]:
             raise ValueError(
-                f"reach must be a shorter and a longer distance; got {reach!r}. Give metres."
+                f"reach must be a shorter and a longer distance, 0 or more; got {reach!r}. Give"
+                " metres, and the direction as along."
             )
         direction = (
             _outwards(arm)

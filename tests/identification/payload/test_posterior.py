@@ -80,7 +80,8 @@ def test_too_little_says_so():
     [
         ({"mass": (5, 0)}, "range"),
         ({"mass": (-1, 5)}, "range"),
-        ({"position": None, "reach": (0.5, 0.2)}, "shorter"),
+        ({"position": None, "reach": (0.5, 0.2)}, "reach must be a shorter"),
+        ({"position": None, "reach": (-0.5, -0.2)}, "reach must be .* 0 or more"),
         ({"position": None, "along": (0, 0, 0)}, "length of along"),
         ({"along": (0, 1, 0)}, "both"),
         ({"inertia": (1.0, 0, 0, 0.1, 0, 0.1)}, "triangle"),
