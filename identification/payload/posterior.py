@@ -320,6 +320,9 @@ def posterior(
     centre = pull / weight
     sigma = 1 / np.sqrt(weight)
 
+    # A distribution a thousand times as wide as the range is flat within it, to a millionth; what
+    # a wider one says of the range is lost by rounding.
+    weight = np.maximum(weight, (1e-3 / (high - low)) ** 2)
     # 2. Mixture of the normal distributions of all centres, truncated to the range. exp(inside) is
     # the probability that the distribution of each centre gives to the range.
     mean, variance, inside = _truncated(centre, sigma, low, high)
@@ -420,7 +423,7 @@ def _log_between(a: Floats, b: Floats) -> Floats:
     high = np.where(flip, -a, b)
     # log(P(high) - P(low)) without subtracting nearly equal numbers.
     top = log_ndtr(high)
-    return np.asarray(top + np.log1p(-np.exp(np.minimum(log_ndtr(low) - top, -1e-300))))
+    return np.asarray(top + np.log1p(-np.exp(log_ndtr(low) - top)))
 
 
 def _interval(
