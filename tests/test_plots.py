@@ -28,6 +28,7 @@ from ctc import (
     sweep_resonance,
 )
 from identification import GeneticSettings, fit_torque, frequency_response, identify, oscillation
+from identification.results.plots import draw_intervals
 from plant import Harmonics, puma560, read_robot, simulate
 from plant.parts.figures import COLOURS
 
@@ -267,6 +268,37 @@ def test_no_text_and_no_legend_lies_on_a_curve(name):
                 for curve in curves
                 for point in curve
             )
+
+
+def test_a_value_that_is_next_to_unknown_has_a_bar():
+    """Values of zero, and beyond any share: without a bar they would look known."""
+    identified = found()
+    fit = identified.fit
+    values = np.array(fit.values)
+    values[[0, 1]] = 0.0, 1e-9
+    variances = np.ones(len(values))
+    variances[2] = 0.0
+    spread = dataclasses.replace(
+        fit, values=values, covariance=np.diag(variances), noise_covariance=np.diag(variances)
+    )
+    axis = plt.figure().add_subplot()
+    draw_intervals(axis, dataclasses.replace(identified, fit=spread))
+    bars = {round(bar.get_y() + bar.get_height() / 2): bar for bar in axis.patches}
+    assert sorted(bars) == [i for i in range(len(values)) if i != 2]
+    longest = max(bar.get_x() + bar.get_width() for bar in bars.values())
+    for i in (0, 1):
+        assert bars[i].get_x() + bars[i].get_width() == longest
+    (marks,) = [line for line in axis.lines if line.get_marker() == ">"]
+    assert marks.get_ydata().tolist() == [0, 1]
+
+
+def test_a_panel_without_intervals_names_no_line():
+    identified = found()
+    fit = dataclasses.replace(identified.fit, covariance=None, noise_covariance=None)
+    axis = plt.figure().add_subplot()
+    draw_intervals(axis, dataclasses.replace(identified, fit=fit))
+    assert not axis.lines
+    assert "dashed" not in axis.get_xlabel()
 
 
 def test_cells_of_the_documentation_draw_in_the_colours_of_the_library():

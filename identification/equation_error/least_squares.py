@@ -259,10 +259,10 @@ _AT_ONCE = 1 << 19
 
 
 def in_groups(lengths: Sequence[int], prior: int, least: int) -> Integers:
-    """Groups (M,) of rows, from 0: each length is cut into the same number of segments.
+    """Groups (M,) of rows, from 0 without gaps: each length is cut into equally many segments.
 
-    All lengths together have at least `least` segments. Some segments are empty where a length has
-    fewer rows than segments.
+    All lengths together have at least `least` segments, unless a length has fewer rows than
+    segments: then each of its rows is one.
 
     The first rows, as many as `prior`, are those of a prior: they are in group -1 and never left
     out.
@@ -270,8 +270,12 @@ def in_groups(lengths: Sequence[int], prior: int, least: int) -> Integers:
     # Rounded up.
     per_length = -(-least // len(lengths))
     groups = [np.full(prior, -1)]
-    for i, length in enumerate(lengths):
-        groups.append(per_length * i + np.arange(length) * per_length // length)
+    first = 0
+    for length in lengths:
+        # An empty segment would count as one that agrees with all others.
+        segments = min(per_length, length)
+        groups.append(first + np.arange(length) * segments // length)
+        first += segments
     return np.concatenate(groups)
 
 
@@ -279,8 +283,8 @@ def group_std(rows: Floats, residual: Floats, groups: Integers) -> Floats:
     """Standard deviations (k,) of the values of a fit, for intervals of 1.96 of them.
 
     `rows` (M, k): change of the residual with the values. `residual` (M,): of the fit. `groups`
-    (M,): number of the group of each row, from 0. Few groups make wide intervals: Student's, not
-    normal.
+    (M,): number of the group of each row, from 0 without gaps. Few groups make wide intervals:
+    Student's, not normal.
 
     All are infinite if the normal equations without one of the groups are exactly singular.
     """
@@ -288,6 +292,9 @@ def group_std(rows: Floats, residual: Floats, groups: Integers) -> Floats:
     k = rows.shape[1]
     # In columns of one length the normal equations keep their digits whatever the units are.
     scale = np.sqrt(np.einsum("mi,mi->i", rows, rows))
+    # A column of zeros has no length, and makes all of these equations singular.
+    if not scale.all():
+        return np.full(k, np.inf)
     normal = np.zeros((k, k))
     moves = np.empty((count, k))
     for begin in range(0, len(rows), _AT_ONCE):

@@ -90,11 +90,15 @@ def units(dynamics: Dynamics, names: Iterable[str]) -> tuple[str, ...]:
         else:
             of_f[name] = "kg m" if row[:, _FIRST].any() else "kg"
 
+    # The unit of a gear is that of its joint.
+    of_joint = {
+        f"{kind}[{i}]": str(getattr(unit, field))
+        for i, unit in enumerate(dynamics.chain.joint_units)
+        for kind, field in _OF_JOINT.items()
+    }
+
     def unit(name: str) -> str:
-        kind, _, joint = name.partition("[")
-        if kind in _OF_JOINT:
-            return str(getattr(dynamics.chain.joint_units[int(joint.rstrip("]"))], _OF_JOINT[kind]))
-        return of_f.get(name, _OF_RIG.get(kind, ""))
+        return (of_f | of_joint).get(name, _OF_RIG.get(name.partition("[")[0], ""))
 
     return tuple(map(unit, names))
 
@@ -233,7 +237,11 @@ def held_out(records: Sequence[Record], searched: int, among: bool) -> Iterator[
         yield
     except RecordError as error:
         # By identity: two equal records are two places.
-        k = next(k for k, record in enumerate(records) if record is error.record)
+        places = [k for k, record in enumerate(records) if record is error.record]
+        if not places:
+            # The refused record is a changed copy; its error has a label already.
+            raise
+        k = places[0]
         # By the list in which the user passed it.
         place = f"records[{searched + k}]" if among else f"held_out[{k}]"
         name = f" ({error.record.name})" if error.record.name else ""

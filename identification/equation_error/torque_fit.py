@@ -316,9 +316,8 @@ def _by_segments(
     # Several segments per log; equations of one segment may correlate.
     runs = places.record
     blocks = places.segments(seconds, SEGMENTS * len(seconds))[0]
-    if len(seconds) > 1:
-        # Numbered without gaps: a segment may have no equation.
-        blocks = np.unique(blocks, return_inverse=True)[1]
+    # Numbered without gaps: a segment may have no equation.
+    blocks = np.unique(blocks, return_inverse=True)[1]
     if prior is not None:
         # Rows of no log, which are in every fit of the others.
         columns = np.vstack([columns, prior[0]])

@@ -138,9 +138,10 @@ class LoadShape:
             advice="Give the shortest and the longest distance, such as (0.2, 0.5) [m].",
         )
         # Equal ends are a known position, with arguments of its own.
-        if not ends[0] < ends[1]:
+        if not 0 <= ends[0] < ends[1]:
             raise ValueError(
-                f"reach must be a shorter and a longer distance; got {reach!r}. Give metres."
+                f"reach must be a shorter and a longer distance, 0 or more; got {reach!r}. Give"
+                " metres, and the direction as along."
             )
         direction = (
             _outwards(arm)
@@ -305,9 +306,12 @@ def posterior(
     low, high = shape.mass
     weight = np.einsum("kb,bc,kc->k", shape.shares, matrix, shape.shares)
     pull = shape.shares @ vector
-    if not rows or not weight.max() > 0:
+    finite = np.isfinite(weight).all() and np.isfinite(pull).all() and np.isfinite(square)
+    if not finite or not rows or not weight.max() > 0:
         interval = np.array([low + 0.025 * (high - low), high - 0.025 * (high - low)])
         message = "the arm rests, or no joint moves that feels a load; the prior stays"
+        if not finite:
+            message = "the window holds NaN or infinite numbers; the prior stays"
         return uninformed(shape, shape.prior, interval, message)
     # A centre without an effect on the torques has no weight: avoid the division by zero.
     weight = np.maximum(weight, 1e-12 * weight.max())
@@ -316,6 +320,9 @@ def posterior(
     # A residual above rounding shows further noise: less information for all centres.
     weight = weight / max(1.0, misfit) ** 2
     pull = pull / max(1.0, misfit) ** 2
+    # A distribution a thousand times as wide as the range is flat within it, to a millionth; what
+    # a wider one says of the range is lost by rounding.
+    weight = np.maximum(weight, (1e-3 / (high - low)) ** 2)
     centre = pull / weight
     sigma = 1 / np.sqrt(weight)
 
@@ -365,10 +372,10 @@ def posterior(
 
 def judged(shape: LoadShape, explained: bool, misfit: float, std: float) -> tuple[str, bool]:
     """Message about an estimate of the mass, and whether it may be used."""
-    # A misfit comes first: with it the standard deviation means nothing.
+    # A misfit comes first: with it the standard deviation means nothing. NaN is never sufficient.
     if not explained:
         return f"no load explains this window (misfit {misfit:.1f}); the prior stays", False
-    if std > POSTERIOR.too_little * (shape.mass[1] - shape.mass[0]):
+    if not std <= POSTERIOR.too_little * (shape.mass[1] - shape.mass[0]):
         return f"the window says too little (std {std:.2g} kg); the prior stays", False
     return "sufficient", True
 
@@ -419,7 +426,7 @@ def _log_between(a: Floats, b: Floats) -> Floats:
     high = np.where(flip, -a, b)
     # log(P(high) - P(low)) without subtracting nearly equal numbers.
     top = log_ndtr(high)
-    return np.asarray(top + np.log1p(-np.exp(np.minimum(log_ndtr(low) - top, -1e-300))))
+    return np.asarray(top + np.log1p(-np.exp(log_ndtr(low) - top)))
 
 
 def _interval(

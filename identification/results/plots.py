@@ -127,6 +127,11 @@ def _new_axes(n, values, meaning):
 INTERVALS = "95 % intervals"
 
 
+# Shares beyond it [%] are drawn up to it: those of values at or near zero are infinite or huge, and
+# would leave no room for the others.
+_MOST = 1e6
+
+
 def interval_height(values: int) -> float:
     """Height of a panel of so many intervals, a line each [inch]."""
     return 0.9 + 0.17 * values
@@ -142,18 +147,20 @@ def draw_intervals(axis: Any, identification: Any) -> None:
     # The first parameter on top.
     axis.set_ylim(len(names) - 0.5, -0.5)
     axis.set_ylabel("parameter")
-    axis.set_xlabel("half-width [% of the value]; dashed: 100 %, the sign is unknown beyond it")
     if identification.covariance is None:
+        axis.set_xlabel("half-width [% of the value]: none, as there is no covariance")
         return
+    axis.set_xlabel("half-width [% of the value]; dashed: 100 %, the sign is unknown beyond it")
     size = np.maximum(np.abs(identification.fit.values), np.finfo(float).tiny)
 
     def shares(covariance: Any) -> Any:
-        return 196 * np.sqrt(np.diag(covariance)) / size  # 1.96 standard deviations [%]
+        with np.errstate(over="ignore"):
+            share = 196 * np.sqrt(np.diag(covariance)) / size  # 1.96 standard deviations [%]
+        return np.minimum(share, _MOST)
 
     total = shares(identification.covariance)
-    # A known value has an interval of no width. The share of a value at or near zero is infinite or
-    # huge. Neither has a bar.
-    drawn = (total > 0) & (total < 1e6)
+    # A known value has an interval of no width, and no bar.
+    drawn = total > 0
     of_prior_names = set(of_prior(identification))
     from_prior = np.array([name in of_prior_names for name in names])
     noise = np.full_like(total, np.nan)
@@ -171,6 +178,9 @@ def draw_intervals(axis: Any, identification: Any) -> None:
         # Each mark is the half-width from noise alone; tolerances of the rig account for the rest
         # of the bar.
         axis.plot(noise[rows], rows, "|", color="black", markersize=9, label="noise alone")
+    rows = np.flatnonzero(total == _MOST)
+    if rows.size:
+        axis.plot(total[rows], rows, ">", color="black", markersize=5, label="beyond the axis")
     axis.set_xscale("log")
     axis.xaxis.set_major_formatter("{x:g}")
     # Beyond 100 % the sign of the value is not known.

@@ -2,6 +2,7 @@
 
 import functools
 from dataclasses import replace
+from types import SimpleNamespace
 from typing import Any, Self
 
 import casadi as ca
@@ -19,8 +20,8 @@ from plant.laws.terms import (
     readings,
 )
 from plant.machine.rig import Rig
-from plant.parts.arguments import choice, optional_period, signs
-from plant.parts.fields import Vector
+from plant.parts.arguments import array, choice, optional_period, signs, whole
+from plant.parts.fields import Floats, Vector
 from plant.parts.part import number, part, structure
 from plant.parts.vector import Fields, per_joint
 
@@ -297,14 +298,8 @@ class Cascade(Law):
         optional_period(self)
         choice("integration", self.integration, INTEGRATION)
         choice("anti_windup", self.anti_windup, ANTI_WINDUP)
-        if (
-            isinstance(self.difference, bool)
-            or not isinstance(self.difference, int)
-            or self.difference < 0
-        ):
-            raise ValueError(
-                f"difference must be a number of samples; got {self.difference!r}. Give 1 or more."
-            )
+        samples = whole("difference", self.difference, "Give 1 sample or more.", least=0)
+        object.__setattr__(self, "difference", samples)
         # An industrial drive takes its speed from a filter, or from a difference over some samples:
         # one of the two, never both.
         if (self.filter is None) == (not self.difference):
@@ -362,12 +357,19 @@ class Cascade(Law):
         choice("position_unit", position_unit, tuple(_PER_SECOND))
         choice("speed_unit", speed_unit, tuple(_PER_RADIAN))
         per_current = speed_unit.startswith("A")
+        gains = SimpleNamespace(
+            Kp=_of_joints("Kp", Kp, rig.n),
+            Kv=_of_joints("Kv", Kv, rig.n),
+            Tn=_of_joints("Tn", Tn, rig.n, finite=False),
+        )
+        # Under the drive's names, which the caller gave.
+        signs(gains, positive=("Kv", "Tn"), not_negative=("Kp",))
         # Motor torque per motor speed [N m s/rad], then per pulses per second.
-        torque = np.asarray(Kv, float) * _PER_RADIAN[speed_unit]
+        torque = gains.Kv * _PER_RADIAN[speed_unit]
         torque = torque * (rig.drive.motor_gain if per_current else 1.0)
-        speed = np.broadcast_to(torque * 2 * np.pi / rig.encoder.resolution, rig.n)
-        position = np.broadcast_to(np.asarray(Kp, float) * _PER_SECOND[position_unit], rig.n)
-        return cls(position=position, speed=speed, integral=speed / np.asarray(Tn, float), **fields)
+        speed = torque * 2 * np.pi / rig.encoder.resolution
+        position = gains.Kp * _PER_SECOND[position_unit]
+        return cls(position=position, speed=speed, integral=speed / gains.Tn, **fields)
 
     @functools.cached_property
     def fields(self) -> Fields:
@@ -396,6 +398,16 @@ class Cascade(Law):
         motor = self.speed * too_slow + acting
         following = self.fields.write(rig.n, pulses=memory, commanded=motor, **stored)
         return rig.drive.joint_torque(motor), following
+
+
+def _of_joints(name: str, value: ArrayLike, n: int, *, finite: bool = True) -> Floats:
+    """Numbers (n,) of all joints, given once or per joint."""
+    advice = "Give one number, or one per joint."
+    listed: Any = value if np.iterable(value) else [value]
+    numbers = array(name, listed, ("n",), advice=advice, finite=finite)
+    if len(numbers) not in (1, n):
+        raise ValueError(f"{name} must be one number, or {n}; got {len(numbers)}. {advice}")
+    return np.broadcast_to(numbers, n)
 
 
 def variants(law: Law) -> dict[str, Law]:

@@ -131,15 +131,9 @@ def record_fields(
     of_fields = stated_units(columns, units, table, rig.n)
     stated = {field: of_field.unit for field, of_field in of_fields.items()}
     require_columns(names, table)
-    values = {field: _block(table, field, columns[field], rig.n) for field in columns}
-    N = {len(value) for value in values.values()}
-    if len(N) > 1:
-        lengths = ", ".join(f"{field} {len(value)}" for field, value in values.items())
-        raise ValueError(
-            f"columns must have one length; got {lengths}. Map columns of one sampling."
-        )
+    values = _blocks(table, columns, rig.n)
     # Notes leave the values here, so that their missing cells take no weight from a row.
-    notes = {field: float(of(values.pop(field))) for field, of in _NOTED.items() if field in values}
+    notes = {field: _note(field, values.pop(field)) for field in _NOTED if field in values}
     values, t = _in_time(values, stated, rig)
     values |= _without_torque_delay(values, torque_delay)
     # The rows that really hold a command must be found before `_held` fills the gaps.
@@ -175,7 +169,7 @@ def record_fields(
         fields["reference"] = path = path_through(t[logged], angles[logged], commanded[logged], rig)
         if path is not None and not logged.all():
             # Here `_held` has repeated the previous command; the path knows the true one.
-            commanded[~logged] = rig.counts(path(t[~logged] - t[logged][0]).q)
+            commanded[~logged] = rig.counts(path(t[~logged]).q)
     counts = fields.pop("counts", None)
     commanded = fields.get("reference_pulses")
     if commanded is None and reference is not None:
@@ -207,7 +201,10 @@ def _without_torque_delay(values, samples):
     if not samples:
         return {}
     return {
-        name: np.concatenate([values[name][samples:], np.full_like(values[name][:samples], np.nan)])
+        # Floats, since a column of whole numbers has no NaN.
+        name: np.concatenate(
+            [values[name][samples:], np.full_like(values[name][:samples], np.nan, dtype=float)]
+        )
         for name in fields
     }
 
@@ -216,22 +213,38 @@ def _names(value):
     return value if isinstance(value, (list, tuple)) else [value]
 
 
+def _blocks(table, columns, n):
+    """Field -> its columns, of one length."""
+    values = {field: _block(table, field, columns[field], n) for field in columns}
+    N = {len(value) for value in values.values()}
+    if len(N) > 1:
+        lengths = ", ".join(f"{field} {len(value)}" for field, value in values.items())
+        raise ValueError(
+            f"columns must have one length; got {lengths}. Map columns of one sampling."
+        )
+    if not any(N):
+        raise ValueError(
+            "columns must hold samples; got none. Check that the log was written to the end."
+        )
+    return values
+
+
+def _note(field, column):
+    """The one number that a record keeps of a column (N,)."""
+    if np.isnan(column).all():
+        raise ValueError(f"{field!r} must hold numbers; got NaN alone. Leave it out.")
+    return float(_NOTED[field](column))
+
+
 def _block(table, field, value, n):
     """The columns of one field, (N, n); (N,) where there is one for all joints."""
     single = field in ("t", "valid", *_NOTED)
-    # The columns of absent link encoders take their length from the named columns.
-    length = next((len(table[name]) for name in _names(value) if name is not None), None)
-    if length is None:
+    named = {name: _column(name, table[name]) for name in _names(value) if name is not None}
+    if not named:
         raise ValueError(f"{field!r} must name a column at least; got {value!r:.80}. Leave it out.")
-    parts = []
-    for name in _names(value):
-        part = np.full(length, np.nan) if name is None else np.asarray(table[name])
-        if part.dtype.kind not in "biuf" or part.ndim not in (1, 2):
-            raise ValueError(
-                f"column {name!r} must be real numbers, (N,) or (N, n); got {part.dtype}"
-                f" {part.shape}."
-            )
-        parts.append(part[:, None] if part.ndim == 1 else part)
+    # The columns of absent link encoders take their length from the named columns.
+    absent = np.full((len(next(iter(named.values()))), 1), np.nan)
+    parts = [named.get(name, absent) for name in _names(value)]
     if len({len(part) for part in parts}) != 1:
         raise ValueError(
             f"columns of {field!r} must have one length; got {[len(part) for part in parts]}. Check"
@@ -249,6 +262,20 @@ def _block(table, field, value, n):
             f"{field!r} must be finite, or NaN where it is missing; got inf. Mark such cells NaN."
         )
     return block[:, 0] if single else block
+
+
+def _column(name, values):
+    """One column of a table (N, k)."""
+    column = np.asarray(values)
+    if column.dtype.kind not in "biuf" or column.ndim not in (1, 2):
+        raise ValueError(
+            f"column {name!r} must be real numbers, (N,) or (N, n); got {column.dtype}"
+            f" {column.shape}."
+        )
+    # A difference of two small integers can exceed their type: 64 bits hold that of any counts.
+    if column.dtype.kind != "f" and column.itemsize < 8:
+        column = column.astype(np.int64)
+    return column[:, None] if column.ndim == 1 else column
 
 
 def _in_time(values, stated, rig):

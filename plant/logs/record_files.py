@@ -112,6 +112,9 @@ class FromFiles:
         LoadError
             A file that cannot be read; a cell that is no number, a short row, an unknown column, a
             header that cannot be read; with the line.
+        ValueError
+            `units`, `wrap`, `prefix` or `torque_delay` without `columns`; a mapping that no file
+            can have.
         """
         if columns is not None:
             return cls._read(
@@ -129,12 +132,10 @@ class FromFiles:
                 held=held,
                 torque_delay=torque_delay,
             )
-        # These would be ignored without a word, since the formats of the library have fixed units.
-        if units is not None or wrap is not None or prefix or torque_delay:
-            raise ValueError(
-                "units, wrap, prefix and torque_delay are for mapped columns; got no mapping. Pass"
-                " columns= as well."
-            )
+        # The formats of the library have fixed units and names.
+        _require_none_of(
+            units=units, wrap=wrap, prefix=prefix or None, torque_delay=torque_delay or None
+        )
         # The record is made inside `load_errors`, since its refusals concern the file as well.
         with load_errors(path):
             # In place of what the file states: a user who passes a rig means this one.
@@ -216,14 +217,17 @@ class FromFiles:
         Raises
         ------
         ValueError
-            A mapping that no file can have, such as one without a measured position.
+            A mapping that no file can have, such as one without a measured position; `units`,
+            `wrap` or `torque_delay` without `columns`, or `held` for contents.
         LoadError
             A file that cannot be read, or that does not hold what is mapped.
         """
         if columns is None:
             # The header of a file of `to_csv` states rig and law, so no mapping is needed.
             if record_csv.is_own(path):
-                # `from_csv` refuses units, wrap, prefix and torque_delay; episode is ignored.
+                # `from_csv` refuses what is for mapped columns, and has no episode to refuse.
+                with load_errors(path):
+                    options_of("csv", episode)
                 return cls.from_csv(
                     path,
                     rig=rig,
@@ -236,6 +240,9 @@ class FromFiles:
                     held=held,
                     torque_delay=torque_delay,
                 )
+            _require_none_of(
+                units=units, wrap=wrap, held=held or None, torque_delay=torque_delay or None
+            )
             n = None if rig is None else instance("rig", rig, Rig, "Pass rig=.").n
             contents = contents_of(path, n=n, prefix=prefix, episode=episode)
             print(contents)
@@ -346,10 +353,6 @@ class FromFiles:
             "initial": initial,
             "name": name,
         }
-        # Lists become tuples: records hash their mapping, and a list has no hash.
-        arguments["columns"] = {
-            key: value if isinstance(value, str) else tuple(value) for key, value in columns.items()
-        }
         # Fields of the table take precedence: a path in it becomes the reference.
         fields = record_fields(
             table,
@@ -361,10 +364,25 @@ class FromFiles:
             held=held,
             torque_delay=torque_delay,
         )
+        # Lists become tuples: records hash their mapping, and a list has no hash.
+        arguments["columns"] = {
+            key: value if isinstance(value, str) else tuple(value) for key, value in columns.items()
+        }
         record = cls(
             **arguments | {key: value for key, value in fields.items() if value is not None}
         )
         return _with_goals_held(record) if held else record
+
+
+def _require_none_of(**options: Any) -> None:
+    """Refuse options of mapped columns where nothing is mapped; None passes."""
+    # They would be ignored without a word.
+    given = [name for name, value in options.items() if value is not None]
+    if given:
+        raise ValueError(
+            f"{', '.join(given)} must come with mapped columns; got no mapping. Pass columns= as"
+            " well."
+        )
 
 
 def _with_goals_held(record: Any) -> Any:

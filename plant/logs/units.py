@@ -302,7 +302,8 @@ def path_through(t: Floats, q: Floats, counts: Floats, rig: Rig) -> Reference | 
     """Spline through positions (N, n) [rad] at times (N,); None where the counts say as much.
 
     That is so of positions that are whole pulses already, of motions that are not smooth from
-    sample to sample, and of more samples than a path is to hold.
+    sample to sample, and of more samples than a path is to hold. Until the first of the times,
+    which may be later than 0, the spline stays at its first point.
     """
     if (
         not PATH.min_samples <= len(t) <= PATH.max_samples
@@ -311,12 +312,15 @@ def path_through(t: Floats, q: Floats, counts: Floats, rig: Rig) -> Reference | 
         return None
     # The spline must reproduce the counts at the samples and stay near the chord between them;
     # otherwise it would add a motion that nobody commanded.
-    path = Spline(times=t - t[0], points=q, at_rest=False)
-    between = (t[1:] + t[:-1]) / 2 - t[0]
+    path: Reference = Spline(times=t - t[0], points=q, at_rest=False)
+    # A spline begins at 0, as its log does; commands may begin later.
+    if t[0]:
+        path = path.later(-t[0])
+    between = (t[1:] + t[:-1]) / 2
     bent = np.abs(
         rig.position_in_pulses(path(between).q) - rig.position_in_pulses((q[1:] + q[:-1]) / 2)
     )
-    same_counts = np.abs(rig.counts(path(t - t[0]).q) - counts).max() == 0
+    same_counts = np.abs(rig.counts(path(t).q) - counts).max() == 0
     intervals = np.diff(t) / np.median(np.diff(t))  # a gap in the log bends with its square
     return path if same_counts and (bent < PATH.max_bend * intervals[:, None] ** 2).all() else None
 

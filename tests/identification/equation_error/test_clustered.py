@@ -4,7 +4,7 @@ the truth.
 
 import numpy as np
 
-from identification.equation_error.least_squares import at_least, group_std, run_std
+from identification.equation_error.least_squares import at_least, group_std, in_groups, run_std
 from plant.parts.sums import products
 
 
@@ -37,6 +37,20 @@ def test_a_value_that_one_group_alone_determines_has_no_bound():
     rows, groups = np.zeros((6, 2)), np.repeat(np.arange(3), 2)
     rows[:, 0], rows[:2, 1] = 1.0, (1.0, -1.0)
     assert np.isinf(group_std(rows, np.ones(6), groups)).all()
+
+
+def test_a_column_of_zeros_has_no_bound():
+    rows = np.column_stack([np.ones(6), np.zeros(6)])
+    assert np.isinf(group_std(rows, np.ones(6), np.repeat(np.arange(3), 2))).all()
+
+
+def test_a_length_of_few_rows_has_no_empty_segments():
+    """Empty ones would count as further groups, and narrow the intervals of a mean."""
+    assert in_groups([3], 0, 10).tolist() == [0, 1, 2]
+    assert in_groups([2, 7], 1, 10).tolist() == [-1, 0, 1, 2, 2, 3, 4, 4, 5, 6]
+    values = np.array([0.3, -0.5, 1.1])
+    std = group_std(np.ones((3, 1)), values - values.mean(), in_groups([3], 0, 10))
+    np.testing.assert_allclose(std, values.std(ddof=1) / np.sqrt(3) * 4.3026527 / 1.96, rtol=1e-6)
 
 
 def test_of_a_mean_over_unequal_runs_it_is_unbiased():

@@ -6,8 +6,8 @@ import numpy as np
 import packaged_arms
 import pytest
 
-from identification.equation_error.naming import units
-from plant import Body, Chain, Dynamics, Link, puma560
+from identification.equation_error.naming import RecordError, held_out, units
+from plant import Body, Chain, Dynamics, Link, puma560, simulate
 
 POWER = {"kg": 0, "kg m": 1, "kg m²": 2}
 
@@ -69,3 +69,21 @@ def test_the_papers_parameters_and_numbers_of_rig_and_law():
     assert units(dynamics, dynamics.names) == (*inertia, "kg m", "kg m", "kg m²", "kg m", "kg m")
     asked = ("drive.viscous[1]", "law.gain[0]", "law.speed[1]", "encoder.resolution[0]")
     assert units(dynamics, asked) == ("N m s/rad", "N m per pulse", "N m s per pulse", "")
+    # The unit of a gear's stiffness is that of its joint.
+    no_joint = [f"drive.elasticity.stiffness{joint}" for joint in ("", "[2]", "[x]")]
+    assert units(dynamics, no_joint) == ("", "", "")
+
+
+def test_a_refusal_of_a_changed_copy_passes_as_it_is():
+    parts = puma560.arm(), puma560.rig(), puma560.p_law(), puma560.reference()
+    record = simulate(*parts, duration=0.05)
+    copy = dataclasses.replace(record)
+    with pytest.raises(RecordError) as refusal, held_out([record], 0, among=False):
+        raise RecordError("it is short. Log longer.", copy, "the copy")
+    assert refusal.value.record is copy
+    assert str(refusal.value).startswith("the copy")
+    with (
+        pytest.raises(RecordError, match=r"held_out\[1\]"),
+        held_out([record, copy], 0, among=False),
+    ):
+        raise RecordError("it is short. Log longer.", copy, "the copy")

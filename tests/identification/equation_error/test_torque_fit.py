@@ -9,6 +9,7 @@ import pytest
 from coupled_arm import PERIOD, arm_of, path_of, rig_of
 
 from identification import fit_torque
+from identification.equation_error import torque_fit
 from identification.equation_error.filters import derivatives, low_pass
 from identification.equation_error.least_squares import least_squares
 from identification.equation_error.regressor import Filtering, Places, System, regressor_and_torque
@@ -141,6 +142,29 @@ def test_intervals_hold_where_the_torque_error_lasts(made):
         by_noise.append(off < 1.96 * np.sqrt(np.diag(fit.noise_covariance)))
     assert np.mean(held) > 0.93
     assert np.mean(by_noise) < 0.8
+
+
+def test_segments_without_an_equation_are_no_groups(monkeypatch):
+    """They would count as groups that agree with all others, and narrow the intervals."""
+    record = simulate(
+        puma560.arm(), puma560.rig(), puma560.p_law(), puma560.reference(), duration=2.0
+    )
+    gap = (record.t > 0.5) & (record.t < 1.2)
+    groups = []
+    monkeypatch.setattr(
+        torque_fit,
+        "group_std",
+        lambda columns, remaining, blocks: groups.append(blocks) or np.ones(columns.shape[1]),
+    )
+    fit_torque(
+        puma560.dynamics(),
+        dataclasses.replace(record, valid=np.where(gap, 0.0, 1.0)),
+        cutoff=50,
+        band=20,
+    )
+    for blocks in groups:
+        assert np.unique(blocks).tolist() == list(range(blocks.max() + 1))
+    assert groups
 
 
 @pytest.mark.slow

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from identification.payload.posterior import LoadShape, information, posterior
+from identification.payload.posterior import LoadShape, information, judged, posterior
 from plant import puma560
 
 
@@ -75,12 +75,34 @@ def test_too_little_says_so():
     assert posterior(shape(), np.array([[100.0]]), np.array([-300.0]), 900.0, 100).mass >= 0
 
 
+@pytest.mark.parametrize("weight", [1e-300, 1e-20, 1e-17, 1e-14, 1e-10])
+def test_a_window_that_says_next_to_nothing_leaves_the_prior(weight):
+    """Rounding leaves a resting arm some information, of a deviation far above the range."""
+    got = posterior(shape(), np.array([[weight]]), np.array([2 * weight]), 4 * weight, 100)
+    assert not got.sufficient
+    assert got.mass == pytest.approx(2.5, rel=1e-4)
+    assert got.std == pytest.approx(5 / np.sqrt(12), rel=1e-4)
+
+
+@pytest.mark.parametrize("spoilt", [0, 1, 2])
+@pytest.mark.parametrize("number", [np.nan, np.inf])
+def test_a_window_with_a_number_that_is_none_is_not_used(spoilt, number):
+    statistics = [np.full((1, 1), 100.0), np.full(1, 200.0), np.array(400.0)]
+    statistics[spoilt] = statistics[spoilt] * number
+    got = posterior(shape(), *statistics, 100)
+    assert not got.sufficient
+    assert "NaN" in got.message
+    assert got.mass == 2.5
+    assert not judged(shape(), True, 1.0, np.nan)[1]
+
+
 @pytest.mark.parametrize(
     ("options", "said"),
     [
         ({"mass": (5, 0)}, "range"),
         ({"mass": (-1, 5)}, "range"),
-        ({"position": None, "reach": (0.5, 0.2)}, "shorter"),
+        ({"position": None, "reach": (0.5, 0.2)}, "reach must be a shorter"),
+        ({"position": None, "reach": (-0.5, -0.2)}, "reach must be .* 0 or more"),
         ({"position": None, "along": (0, 0, 0)}, "length of along"),
         ({"along": (0, 1, 0)}, "both"),
         ({"inertia": (1.0, 0, 0, 0.1, 0, 0.1)}, "triangle"),

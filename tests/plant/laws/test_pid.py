@@ -230,6 +230,24 @@ def test_both_backends_the_running_law_and_a_replay_from_a_file_agree(kind, peri
 PLAIN = {"gain": (1, 1), "derivative": (0, 0), "filter": 100.0}
 
 
+def of_drive(**gains):
+    """A cascade of the paper's rig from the gains of a drive."""
+    return Cascade.from_drive(puma560.rig(), **{"Kp": 20, "Kv": 0.05, "Tn": 0.02} | gains, filter=9)
+
+
+def test_gains_of_a_drive_are_given_once_or_per_joint():
+    assert of_drive(Kp=20) == of_drive(Kp=(20, 20)) == of_drive(Kp=[20.0])
+    assert not of_drive(Tn=np.inf).integral.any()
+    assert not of_drive(Kp=0).position.any()
+
+
+def test_a_difference_may_be_a_whole_number_of_numpy():
+    options = {"position": (1,), "speed": (1,), "integral": (1,), "period": 1e-3}
+    law = Cascade(**options, difference=np.int64(3))
+    assert law == Cascade(**options, difference=3)
+    assert from_plain(law.describe()) == law
+
+
 @pytest.mark.parametrize(
     ("call", "said"),
     [
@@ -262,6 +280,20 @@ PLAIN = {"gain": (1, 1), "derivative": (0, 0), "filter": 100.0}
         (
             lambda: Cascade(position=(-1,), speed=(1,), integral=(1,), filter=9),
             "position must not be negative",
+        ),
+        (lambda: of_drive(Tn=0), "Tn must be positive"),
+        (lambda: of_drive(Tn=(0.02, -0.02)), "Tn must be positive"),
+        (lambda: of_drive(Tn=np.nan), "Tn must be positive"),
+        (lambda: of_drive(Kv=0), "Kv must be positive"),
+        (lambda: of_drive(Kv=np.inf), "Kv must be finite"),
+        (lambda: of_drive(Kp=-1), "Kp must not be negative"),
+        (lambda: of_drive(Kp=(1, 2, 3)), "Kp must be one number, or 2; got 3"),
+        (lambda: of_drive(Kv=(1, 2, 3)), "Kv must be one number, or 2; got 3"),
+        (lambda: of_drive(Tn=(1, 2, 3)), "Tn must be one number, or 2; got 3"),
+        (lambda: of_drive(Kv="fast"), "Kv must be numbers"),
+        (
+            lambda: Cascade(position=(1,), speed=(1,), integral=(1,), difference=True, period=1e-3),
+            "difference must be a whole number",
         ),
         (
             lambda: Cascade(position=(1,), speed=(1,), integral=(1,), filter=9, period=-1.0),

@@ -98,8 +98,8 @@ def test_the_difference_over_samples_is_that_of_the_counts():
         ({}, "one of filter and difference must be given"),
         ({"filter": 100.0, "difference": 2}, "one of filter and difference must be given"),
         ({"difference": 2, "period": None}, "difference needs a sampled cascade"),
-        ({"difference": -1}, "difference must be a number of samples"),
-        ({"difference": 1.5}, "difference must be a number of samples"),
+        ({"difference": -1}, "difference must be a whole number"),
+        ({"difference": 1.5}, "difference must be a whole number"),
     ],
 )
 def test_a_cascade_takes_its_speed_from_one_of_two(options, text):

@@ -392,14 +392,28 @@ def test_wrong_calls_are_refused_before_the_file_is_opened():
         assert not isinstance(refusal.value, LoadError)
 
 
-@pytest.mark.parametrize("given", [{"units": UNITS}, {"prefix": "run."}, {"torque_delay": 1}])
+@pytest.mark.parametrize(
+    "given", [{"units": UNITS}, {"prefix": "run."}, {"torque_delay": 1}, {"episode": 3}]
+)
 def test_what_serves_a_mapping_alone_is_refused_of_an_own_file(tmp_path, given):
     path = tmp_path / "own.csv"
     Record.from_table(log(20), rig=RIG, columns=COLUMNS, units=UNITS, law=puma560.p_law()).to_csv(
         path
     )
     assert len(Record.read(path)) == 20
-    with pytest.raises(ValueError, match="are for mapped columns"):
+    (name,) = given
+    with pytest.raises(ValueError, match=name):
+        Record.read(path, **given)
+
+
+@pytest.mark.parametrize(
+    "given", [{"units": UNITS}, {"wrap": (1.0, 1.0)}, {"held": True}, {"torque_delay": 1}]
+)
+def test_what_serves_a_mapping_alone_is_refused_where_contents_are_shown(tmp_path, given):
+    path = tmp_path / "log.npz"
+    np.savez(path, **log(20))
+    (name,) = given
+    with pytest.raises(ValueError, match=name):
         Record.read(path, **given)
 
 

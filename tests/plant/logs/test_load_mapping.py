@@ -310,6 +310,8 @@ def test_angles_are_unwrapped_before_they_are_counted():
 
 # -- refusals ------------------------------------------------------------------------------------
 COLUMNS = {"t": "t", "position": "q"}
+# Their difference, 60000, is more than 16 bits hold.
+JUMPS = np.array([[-30000, 0], [30000, 0]], np.int16)
 TABLE = {"t": T, "q": ANGLE, "u": np.full((N, 2), 20.0), "c": COUNTS, "s": np.full(N, "a")}
 
 
@@ -360,6 +362,20 @@ TABLE = {"t": T, "q": ANGLE, "u": np.full((N, 2), 20.0), "c": COUNTS, "s": np.fu
             "LoggedTorque needs the record's torque; it has none",
         ),
         (lambda: record(TABLE, {"counts": "d"}), "column 'd' must be there; got 5 others"),
+        (lambda: record(TABLE, {"counts": 3}), r"columns must be mapped by their names; got \[3\]"),
+        (lambda: record({"c": 3.0}, {"counts": "c"}), r"column 'c' must be real numbers.*; got float64 \(\)"),
+        (
+            lambda: record({"t": [], "c": np.zeros((0, 2))}, {"t": "t", "counts": "c"}, {"t": "s"}),
+            "columns must hold samples; got none",
+        ),
+        (
+            lambda: record(TABLE | {"w": np.full(N, np.nan)}, {"counts": "c", "temperature": "w"}),
+            "'temperature' must hold numbers; got NaN alone",
+        ),
+        (
+            lambda: record({"c": JUMPS}, {"counts": "c"}, wrap=10000),
+            r"wrap must be as large .* got 10000, but joint q\[0\] spans 60000",
+        ),
         (lambda: record(TABLE, {"counts": ["s", "c"]}), "column 's' must be real numbers"),
         (lambda: record(TABLE | {"t": T[:-1]}, COLUMNS, {"t": "s", "position": "rad"}), "columns must have one length"),
         (lambda: record({"c": np.full((9, 2), np.nan)}, {"counts": "c"}), "must hold numbers; joint q\\[0\\] has none"),
@@ -573,14 +589,17 @@ def _asked(kind):
     return t, q
 
 
-@pytest.mark.parametrize("kind", ["smooth", "a step", "whole pulses", "one is missing"])
+@pytest.mark.parametrize(
+    "kind", ["smooth", "a step", "whole pulses", "one is missing", "the first are missing"]
+)
 def test_positions_without_rounding_are_the_path_where_they_are_smooth(kind):
     """Counts at samples alone leave open what a P loop does between them: straight lines lag by
     half a pulse.
     """
     t, q = _asked(kind)
     counts = RIG.counts(q)
-    q = np.where((np.arange(len(t)) == 50)[:, None] & (kind == "one is missing"), np.nan, q)
+    missing = {"one is missing": [50], "the first are missing": [0, 1]}.get(kind, [])
+    q[missing] = np.nan
     record = Record.from_table(
         {"t": t, "c": counts, "q": q}, rig=RIG, law=puma560.p_law(),
         columns={"t": "t", "counts": "c", "reference_position": "q"},
@@ -589,8 +608,9 @@ def test_positions_without_rounding_are_the_path_where_they_are_smooth(kind):
     if kind in ("a step", "whole pulses"):
         assert record.reference is None
         return
-    np.testing.assert_array_equal(record.reference_pulses, counts)
-    loose = 1e3 if kind == "one is missing" else 1.0
+    np.testing.assert_array_equal(record.reference_pulses, RIG.counts(record.reference(t).q))
+    np.testing.assert_array_equal(record.reference_pulses[2:], counts[2:])
+    loose = 1e3 if missing else 1.0
     between = t[3:-3] + RIG.period / 3
     truth = puma560.reference()(between)
     for got, expected, limit in zip(

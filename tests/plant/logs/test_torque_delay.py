@@ -42,6 +42,17 @@ def test_late_torques_come_to_the_counts_they_acted_on(record, file):
     np.testing.assert_array_equal(read.torque, in_time.torque)
 
 
+def test_late_torques_of_whole_numbers_are_those_of_floats(record):
+    torque = np.round(record.torque).astype(int)
+    options = {"rig": RIG, "columns": {"counts": "c", "torque": "m"}, "units": {"torque": "N m"}}
+    as_whole, as_float = (
+        Record.from_table({"c": record.counts, "m": column}, **options, torque_delay=2)
+        for column in (torque, torque.astype(float))
+    )
+    assert as_whole == as_float
+    np.testing.assert_array_equal(as_whole.valid, np.arange(len(record)) < len(record) - 2)
+
+
 def test_a_robot_file_states_the_delay(tmp_path):
     robot = dataclasses.replace(
         read_robot("paper_puma560"), columns=COLUMNS, units={"t": "s"}, torque_delay=1
