@@ -1,5 +1,6 @@
 """Records as lossless CSV files, and plain CSV files of t [s], reference and error [pulses]."""
 
+import codecs
 import json
 from collections.abc import Mapping
 from pathlib import Path
@@ -15,7 +16,7 @@ from plant.parts.csv_rows import read_rows
 from plant.parts.fields import Floats
 from plant.parts.plain import from_plain
 
-# How a file of `write` begins.
+# How a file of `write` begins, perhaps behind the mark of UTF-8 of the program that saved it last.
 _BEGIN = b'# {"onepulse":'
 # Each field of a record with one column per joint -> the name and the unit of its columns.
 COLUMNS = {
@@ -52,9 +53,12 @@ def write(record: Any, path: str | Path) -> None:
     if (record.valid != 1).any():
         names.append("valid [1]")
         columns.append(record.valid[:, None])
+    # Before the file is opened, which empties it: what fails here leaves the old file as it is.
+    heading = f"# {json.dumps(header)}\n{','.join(names)}\n"
+    rows = np.hstack(columns)
     with open(path, "w", encoding="utf-8") as file:
-        file.write(f"# {json.dumps(header)}\n{','.join(names)}\n")
-        for row in np.hstack(columns):
+        file.write(heading)
+        for row in rows:
             # 17 digits restore each float64 exactly.
             file.write(",".join(f"{x:.17g}" for x in row) + "\n")
 
@@ -64,7 +68,8 @@ def is_own(path: str | Path) -> bool:
     if not Path(path).is_file():
         return False
     with open(path, "rb") as file:
-        return file.read(len(_BEGIN)) == _BEGIN
+        begin = file.read(len(codecs.BOM_UTF8) + len(_BEGIN))
+    return begin.removeprefix(codecs.BOM_UTF8).startswith(_BEGIN)
 
 
 def read(
@@ -77,10 +82,20 @@ def read(
 ) -> dict[str, Any]:
     """Read what `write` wrote, or a plain file, as the fields of a record."""
     header: dict[str, Any] = {}
-    names, table = read_rows(
-        path, comment=lambda count, line: header.update(header or _header(count, line))
-    )
-    _require_finite(path, names, table)
+
+    def take(count: int, line: str) -> None:
+        """Keep the header of `write`, or else the first comment that is an object of JSON."""
+        if "onepulse" in header:
+            return
+        entries = _header(count, line)
+        if not header or "onepulse" in entries:
+            header.clear()
+            header.update(entries)
+
+    names, table = read_rows(path, comment=take)
+    # Names of this format have a unit in brackets; a plain file may use any names without [.
+    named = names is not None and any("[" in name for name in names)
+    _require_finite(path, names, table, named)
     # Arguments take precedence over the header.
     rig = rig or _part(header, "rig")
     if rig is None:
@@ -89,11 +104,9 @@ def read(
         raise ValueError(
             f"cannot be read: rig of a record must be a Rig; got {rig!r:.60}. Pass rig=."
         )
-    # Names of this format have a unit in brackets; a plain file may use any names without [.
-    named = names is not None and any("[" in name for name in names)
     return {
         "t": table[:, 0],
-        **(_named(names or [], table, rig.n) if named else _plain(table, rig)),
+        **(_named(names or [], table, rig.n) if named else _plain(path, names, table, rig)),
         "rig": rig,
         "law": law or _part(header, "law"),
         "reference": reference or _part(header, "reference"),
@@ -102,13 +115,30 @@ def read(
     }
 
 
-def _require_finite(path: str | Path, names: list[str] | None, table: Floats) -> None:
+def _require_finite(path: str | Path, names: list[str] | None, table: Floats, named: bool) -> None:
     """Refuse the first cell that is not finite and name its line; link columns are exempt."""
-    links = [name.startswith(COLUMNS["link_counts"][0]) for name in names or [""] * table.shape[1]]
+    name, unit = COLUMNS["link_counts"]
+    links = [
+        named and text.startswith(f"{name}_") and text.endswith(f"[{unit}]")
+        for text in names or [""] * table.shape[1]
+    ]
     broken = np.argwhere(~np.isfinite(table) & ~np.array(links))
     if not len(broken):
         return
-    row, column = broken[0]
+    line, got = _place(path, names, table, *broken[0])
+    # Only named columns can have weights beside them.
+    advice = (
+        "put a number there and mark the row invalid, 0 in a column 'valid [1]'"
+        if named
+        else "name the columns and map them with columns=, which gives such rows no weight"
+    )
+    raise ValueError(f"{line} must have finite numbers; {got}. Cut such rows out, or {advice}.")
+
+
+def _place(
+    path: str | Path, names: list[str] | None, table: Floats, row: int, column: int
+) -> tuple[str, str]:
+    """The line of a cell in the file, and what came in which column, for messages."""
     with open(path, encoding="utf-8-sig") as file:
         # Count the lines of the file again, since rows skip comments and empty lines.
         lines = [
@@ -116,17 +146,12 @@ def _require_finite(path: str | Path, names: list[str] | None, table: Floats) ->
             for count, line in enumerate(file, 1)
             if line.strip() and not line.lstrip().startswith("#")
         ]
-    got = f"got {table[row, column]:g} in column {repr(names[column]) if names else column + 1}"
-    advice = (
-        "Cut such rows out, or put a number there and mark the row invalid, 0 in a column 'valid"
-        " [1]'"
-    )
-    raise ValueError(
-        f"line {lines[row + (names is not None)]} must have finite numbers; {got}. {advice}."
-    )
+    label = repr(names[column]) if names else column + 1
+    got = f"got {table[row, column]:g} in column {label}"
+    return f"line {lines[row + (names is not None)]}", got
 
 
-def _plain(table: Floats, rig: Rig) -> dict[str, Floats]:
+def _plain(path: str | Path, names: list[str] | None, table: Floats, rig: Rig) -> dict[str, Floats]:
     n = rig.n
     if table.shape[1] != 1 + 2 * n:
         got = f"got {table.shape[1]} columns"
@@ -136,10 +161,9 @@ def _plain(table: Floats, rig: Rig) -> dict[str, Floats]:
     broken = np.argwhere(np.abs(table[:, 1:] - np.trunc(table[:, 1:])) > 0)
     if len(broken) and not rig.encoder.smooth:
         # The test left out column 0, the time, so the index of the column grows by one.
-        row, column = broken[0] + (0, 1)
-        value = f"got {table[row, column]:g} in row {row}, column {column + 1}"
+        line, got = _place(path, names, table, *(broken[0] + (0, 1)))
         raise ValueError(
-            f"must hold whole pulses; {value}. Turn angles into counts with rig.counts(q)."
+            f"{line} must hold whole pulses; {got}. Turn angles into counts with rig.counts(q)."
         )
     return {"reference_pulses": table[:, 1 : 1 + n], "error_pulses": table[:, 1 + n :]}
 
@@ -151,6 +175,10 @@ def _named(names: list[str], table: Floats, n: int) -> dict[str, Floats]:
         for i in range(n)
     }
     places["valid [1]"] = "valid", 0
+    # Time in another unit, or another signal, must not be read as seconds.
+    if names[0] != "t [s]":
+        advice = "Write seconds there, or map the columns with columns= and units=."
+        raise ValueError(f"must have time as column 1, 't [s]'; got {names[0]!r:.40}. {advice}")
     fields: dict[str, Floats] = {}
     for column, name in enumerate(names[1:], 1):
         if name not in places:

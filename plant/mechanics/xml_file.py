@@ -23,7 +23,8 @@ _LARGEST = 5 << 20
 # Largest depth of nested elements; a chain of 40 nested bodies adds 40 to the depth.
 _DEEPEST = 200
 
-_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
+# No digit can be matched in two ways: the time would grow with the square of their number.
+_NUMBER = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 
 _INFINITE = re.compile(r"[+-]?inf(inity)?", re.ASCII | re.IGNORECASE)
 
@@ -229,18 +230,36 @@ def numbers_of(
 
 
 def spliced(data: bytes, edits: Iterable[Edit]) -> bytes:
-    """Apply edits to UTF-8 bytes and keep the rest; encode it as declared, but ASCII as UTF-8."""
-    pieces = []
-    at = 0
-    # From the start of the file on; edits do not overlap.
-    for start, stop, text in sorted(edits, key=lambda edit: edit[:2]):
-        pieces += [data[at:start], text]
-        at = stop
-    text = b"".join([*pieces, data[at:]])
-    # UTF-16 gets its mark of the order of bytes.
-    encoding = _encoding(text)
-    utf8 = codecs.lookup(encoding).name in ("utf-8", "ascii")
-    return text if utf8 else text.decode().encode(encoding, "xmlcharrefreplace")
+    """Apply edits to UTF-8 bytes, keep the rest, and encode all of it as declared.
+
+    Only the edits become ASCII in a file that declares it: its own bytes may be UTF-8.
+    """
+    # The declaration may name what `parsed` has recoded; no edit concerns it.
+    encoding = _encoding(data)
+    try:
+        codec = codecs.lookup(encoding).name
+        pieces = []
+        at = 0
+        # From the start of the file on.
+        for start, stop, text in sorted(edits, key=lambda edit: edit[:2]):
+            if start < at:
+                raise ValueError(
+                    f"edits must not overlap; two replace byte {start}. Make one edit of them."
+                )
+            if codec == "ascii":
+                text = text.decode().encode(codec, "xmlcharrefreplace")
+            pieces += [data[at:start], text]
+            at = stop
+        whole = b"".join([*pieces, data[at:]])
+        if codec in ("utf-8", "ascii"):
+            return whole
+        # UTF-16 gets its mark of the order of bytes.
+        return whole.decode().encode(encoding, "xmlcharrefreplace")
+    except LookupError:
+        # A file in UTF-16 is read by its first bytes, whatever it declares.
+        raise ValueError(
+            f"the XML must declare an encoding of text; got {encoding!r:.40}. Save it as UTF-8."
+        ) from None
 
 
 # Attributes that state an orientation, and how many numbers each of them has.
@@ -300,5 +319,10 @@ def rotation_of(element: Element, where: str, *, degrees: bool, sequence: str) -
     # x as stated, and y made perpendicular to it (Gram-Schmidt).
     x = values[:3] / np.linalg.norm(values[:3])
     y = values[3:] - x * (x @ values[3:])
+    if np.linalg.norm(y) < 1e-9 * np.linalg.norm(values[3:]):
+        raise ValueError(
+            f"{where} must have axes that differ in xyaxes; got {values.tolist()}, which are"
+            " parallel. Correct it."
+        )
     y = y / np.linalg.norm(y)
     return np.column_stack([x, y, np.cross(x, y)])

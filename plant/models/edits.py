@@ -20,10 +20,15 @@ def urdf_inertial(data: bytes, link: Element, body: Body) -> list[Edit]:
     The orientation of the inertial's origin stays, so the body is turned into its axes.
     """
     inertial = link.find("inertial")
-    if inertial is None:
+    if inertial is None or not inertial.children:
         # A new inertial has the axes of the link.
-        parts = f'<origin xyz="{_text(body.com)}"/><mass value="{_text(body.mass)}"/>'
-        return [link.child_edit(data, f"<inertial>{parts}{_matrix(body)}</inertial>", first=True)]
+        parts = (
+            f'<origin xyz="{_text(body.com)}"/><mass value="{_text(body.mass)}"/>{_matrix(body)}'
+        )
+        if inertial is None:
+            return [link.child_edit(data, f"<inertial>{parts}</inertial>", first=True)]
+        # One edit: each of several would close the empty element.
+        return [inertial.child_edit(data, parts)]
     # 1. Centre of mass and mass.
     edits = []
     for tag, name, value in (("origin", "xyz", body.com), ("mass", "value", body.mass)):

@@ -12,7 +12,7 @@ from plant.parts.settings import frozen_settings
 
 @frozen_settings
 class ClockSettings:
-    """Tolerances of time stamps, in periods of the rig, chosen by hand.
+    """Tolerances of time stamps, in periods of the rig, and the size of gaps; chosen by hand.
 
     Parameters
     ----------
@@ -22,11 +22,15 @@ class ClockSettings:
         Largest relative difference of a log's median interval from its rig's period.
     longest : float
         Interval above which a gap is bridged by samples without measurement.
+    bridging : int
+        Most samples without measurement: 14 hours at 1 kHz. An instant that is wrong, such as a
+        date among seconds, would need more than any memory holds.
     """
 
     even: float = 0.01
     period: float = 0.1
     longest: float = 1.5
+    bridging: int = 1 << 25
 
 
 SETTINGS = ClockSettings()
@@ -65,9 +69,8 @@ class Clock:
         uneven = np.abs(lateness) > SETTINGS.even * period
         if not uneven.any():
             return cls.regular(len(t), period)
-        # The last sample is held for one period.
-        lengths = np.append(np.diff(t), period)
-        median = float(np.median(lengths))
+        intervals = np.diff(t)
+        median = float(np.median(intervals))
         if abs(median - period) > SETTINGS.period * period:
             wrong = int(np.argmax(uneven))
             raise ValueError(
@@ -75,8 +78,20 @@ class Clock:
                 f" {lateness[wrong]:+.3g} s off, and the usual interval is {median:.6g} s. Correct"
                 " the period, or the unit of t."
             )
-        # Each interval begins at a sample of the log and has equal parts; most have one part.
-        parts = np.ceil(lengths / (SETTINGS.longest * period) - 1e-9).astype(int)
+        # The last sample is held for one period.
+        lengths = np.append(intervals, period)
+        # Each interval begins at a sample of the log and has equal parts; most have one part, and
+        # the shortest are rounded to none.
+        parts = np.maximum(np.ceil(lengths / (SETTINGS.longest * period) - 1e-9), 1)
+        # Before they are whole numbers, which a gap of any length may exceed.
+        if parts.sum() - len(parts) > SETTINGS.bridging:
+            longest = int(np.argmax(lengths))
+            got = f"{lengths[longest]:.6g} s pass after sample {longest}"
+            raise ValueError(
+                f"t must have gaps of at most {SETTINGS.bridging} samples in all; {got}. Correct"
+                " the instant, or cut the log there."
+            )
+        parts = parts.astype(int)
         rows = np.cumsum(parts) - parts
         within = np.arange(parts.sum()) - np.repeat(rows, parts)
         shorter = np.repeat(lengths / parts, parts)

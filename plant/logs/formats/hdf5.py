@@ -6,7 +6,8 @@ that only MATLAB can read.
 """
 
 import math
-from collections.abc import Collection, Iterator, Mapping
+import re
+from collections.abc import Callable, Collection, Iterator, Mapping
 from typing import Any
 
 from .columns import (
@@ -23,8 +24,8 @@ from .columns import (
 _NUMERIC = {"", "double", "single", "logical", "struct", "cell"} | {
     f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64)
 }
-# Most references that one call of `_datasets` accepts, and most levels of references inside
-# references that it follows. Both numbers were chosen by hand.
+# Most elements that the references of one file may lead to, and most levels of references inside
+# references that are followed. Both numbers were chosen by hand.
 _MAX_ELEMENTS = 10_000
 _MAX_DEPTH = 4
 
@@ -52,7 +53,14 @@ def read(
             if chosen(link) or any(name.startswith(f"{link}/") for name in names or ()):
                 got = f"{link!r} is a link to another file"
                 raise RefusalError(f"must hold its own data; {got}. Copy it in, or choose others.")
-        datasets = dict(_datasets(file, items, _MAX_DEPTH))
+        datasets: dict[str, Any] = {}
+        elements = _Elements()
+        wants = _wants(names, prefix)
+        for name, item in items.items():
+            # References that lead to no wanted column are not followed.
+            depth = _MAX_DEPTH if wants(name) else 0
+            with refusals_left_out(numbers_only):
+                datasets.update(_datasets(file, {name: item}, depth, elements))
         homes = (
             {name: name for name in datasets if chosen(name)}
             if names is None
@@ -66,7 +74,7 @@ def read(
                 with refusals_left_out(numbers_only):
                     _require_own_numbers(name, item)
                     continue
-                del homes[name]
+                homes = {column: home for column, home in homes.items() if home != name}
         wanted = {name: datasets[home] for name, home in homes.items()}
         # The sizes come from the headers. Data sets that would expand beyond `max_bytes` are
         # therefore refused before they are read.
@@ -81,11 +89,42 @@ def read(
         }
 
 
-def _datasets(file: Any, items: Mapping[str, Any], depth: int) -> Iterator[tuple[str, Any]]:
+class _Elements:
+    """Counts the elements that the references of a file lead to, at most `_MAX_ELEMENTS`."""
+
+    def __init__(self) -> None:
+        self._count = 0
+
+    def add(self, count: int) -> None:
+        """Refuse elements beyond the limit, before they are read."""
+        if self._count + count > _MAX_ELEMENTS:
+            raise RefusalError(
+                f"must hold at most {_MAX_ELEMENTS} elements of structures in all; it has more."
+                " Save arrays, or choose others with names=."
+            )
+        self._count += count
+
+
+def _wants(names: Collection[str] | None, prefix: str) -> Callable[[str], bool]:
+    """Predicate of the data sets that may hold a wanted column, or refer to it."""
+
+    def place(text: str) -> str:
+        # The references of `structure[1]/field` are in the data set `structure/field`.
+        return re.sub(r"\[\d*\]?", "", text).replace(".", "/")
+
+    if names is None:
+        start = place(prefix)
+        return lambda name: place(name).startswith(start) or start.startswith(place(name))
+    places = [f"{place(name)}/" for name in names]
+    return lambda name: any(wanted.startswith(f"{place(name)}/") for wanted in places)
+
+
+def _datasets(
+    file: Any, items: Mapping[str, Any], depth: int, elements: _Elements
+) -> Iterator[tuple[str, Any]]:
     """Yield the names and data sets of `items`, and of what the references in them lead to."""
     import h5py
 
-    count = 0
     for name, item in items.items():
         # The hidden groups of MATLAB hold what references lead to.
         if (
@@ -94,20 +133,19 @@ def _datasets(file: Any, items: Mapping[str, Any], depth: int) -> Iterator[tuple
             or "MATLAB_empty" in item.attrs
         ):
             continue
-        if h5py.check_ref_dtype(item.dtype) is None or not depth:
+        if h5py.check_ref_dtype(item.dtype) is None or not depth or _is_elsewhere(item):
             yield name, item
             continue
+        # A null data set has no shape and no elements.
+        if item.shape is None:
+            continue
+        elements.add(item.size)
         group, _, field = name.rpartition("/")
         # A cell array has an attribute MATLAB_class of its own; a field of an array of structures
         # has none.
         is_cell = "MATLAB_class" in item.attrs
-        for k, reference in enumerate(item[()].ravel()[: _MAX_ELEMENTS + 1]):
-            count += 1
-            if count > _MAX_ELEMENTS:
-                raise RefusalError(
-                    f"must hold at most {_MAX_ELEMENTS} elements of structures; {name!r:.60} has"
-                    " more. Save arrays."
-                )
+        # `...` gives an array of a scalar data set, too.
+        for k, reference in enumerate(item[...].ravel()):
             if not reference:
                 continue
             place = f"{name}[{k}]" if is_cell else f"{group}[{k}]/{field}"
@@ -116,14 +154,20 @@ def _datasets(file: Any, items: Mapping[str, Any], depth: int) -> Iterator[tuple
             if isinstance(element, h5py.Group):
                 inside = {}
                 element.visititems(inside.__setitem__)
-            for inner, dataset in _datasets(file, inside, depth - 1):
+                # Many references may lead to one large group.
+                elements.add(len(inside))
+            for inner, dataset in _datasets(file, inside, depth - 1, elements):
                 yield f"{place}/{inner}" if inner else place, dataset
+
+
+def _is_elsewhere(item: Any) -> bool:
+    """Whether a data set keeps its bytes in another file: a virtual one, or by external storage."""
+    return bool(item.is_virtual or item.external)
 
 
 def _require_own_numbers(name: str, item: Any) -> None:
     """Refuse a data set in another file, an object of MATLAB, and anything but real numbers."""
-    # A virtual data set, or one with external storage, keeps its bytes in another file.
-    if item.is_virtual or item.external:
+    if _is_elsewhere(item):
         raise RefusalError(
             f"must hold its own data; column {name!r} points into another file. Copy it in."
         )

@@ -9,6 +9,7 @@ import scipy.io
 from spoilt_files import WarmChildren, opaque, refused
 
 from plant import Drive, Encoder, Record, Rig, read_table
+from plant.logs.logfile import read_file
 
 N, n = 240, 3
 T = 8e-4 * np.arange(N)
@@ -167,3 +168,90 @@ def test_an_object_of_matlab_is_called_by_its_class(tmp_path, matlab_class, save
                 saved,
             )
         np.testing.assert_array_equal(read_table(path, names=["other"])["other"].ravel(), T)
+
+
+# -- structures beyond the limit of elements -------------------------------------------------------
+def referring(group, name, targets, **options):
+    return group.create_dataset(name, data=np.array(targets, dtype=h5py.ref_dtype), **options)
+
+
+def test_elements_are_counted_over_all_levels_of_references(tmp_path):
+    """Structures of structures, and many references to one group; of another column the same file
+    is read.
+    """
+    with h5py.File(tmp_path / "levels.h5", "w") as file:
+        hidden = file.create_group("#refs#")
+        hidden["q"] = file["t"] = T
+        target = hidden["q"].ref
+        for level in "abc":
+            target = referring(hidden, level, [target] * 200).ref
+        referring(file, "run/q", [target])
+    with h5py.File(tmp_path / "group.h5", "w") as file:
+        inner = file.create_group("#refs#/inner")
+        for k in range(200):
+            inner[f"q{k}"] = 0.0
+        file["t"] = T
+        referring(file, "run/q", [inner.ref] * 200)
+    for name in ("levels.h5", "group.h5"):
+        refused(lambda name=name: read_table(tmp_path / name), "at most 10000 elements")
+        refused(
+            lambda name=name: read_table(tmp_path / name, prefix="run[0]"), "at most 10000 elements"
+        )
+        np.testing.assert_array_equal(read_table(tmp_path / name, names=["t"])["t"], T)
+
+
+def test_a_large_set_of_references_is_refused_by_its_size(tmp_path):
+    """Of 8 TiB; it is neither read nor in the way of the other columns."""
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        file["t"] = T
+        file.create_dataset("run/q", (1 << 40,), h5py.ref_dtype, chunks=(1 << 16,))
+    refused(lambda: read_table(tmp_path / "a.h5"), "at most 10000 elements")
+    np.testing.assert_array_equal(read_table(tmp_path / "a.h5", names=["t"])["t"], T)
+    contents = Record.read(tmp_path / "a.h5")
+    assert list(contents.roles) == ["t"]
+
+
+def test_structures_that_nobody_wants_do_not_count(tmp_path):
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        hidden = file.create_group("#refs#")
+        hidden["q"] = T
+        for run in ("early", "late"):
+            referring(file, f"{run}/q", [hidden["q"].ref] * 5001)
+    for name in ("late[5000]/q", "late[5000].q", "early[0].q"):
+        np.testing.assert_array_equal(read_table(tmp_path / "a.h5", names=[name])[name], T)
+    refused(lambda: read_table(tmp_path / "a.h5", names=["late[0]/q", "early[0]/q"]), "elements")
+
+
+def test_one_reference_or_none_in_place_of_an_array(tmp_path):
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        file["t"] = T
+        file.create_dataset("run/q", data=file["t"].ref, dtype=h5py.ref_dtype)
+        file.create_dataset("none/q", data=h5py.Empty(h5py.ref_dtype))
+    table = read_table(tmp_path / "a.h5")
+    assert set(table) == {"t", "run[0]/q"}
+    np.testing.assert_array_equal(table["run[0]/q"], T)
+
+
+def test_references_in_another_file_are_refused(tmp_path):
+    (tmp_path / "secret").write_bytes(bytes(64))
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        file["t"] = T
+        file.create_dataset(
+            "run/q", (8,), h5py.ref_dtype, external=[(str(tmp_path / "secret"), 0, 64)]
+        )
+    refused(lambda: read_table(tmp_path / "a.h5"), "column 'run/q' points into another file")
+    np.testing.assert_array_equal(read_table(tmp_path / "a.h5", names=["t"])["t"], T)
+
+
+@pytest.mark.parametrize(("name", "data"), [("log/Time", "log"), ("notes.text", "notes/text")])
+def test_what_holds_no_numbers_is_left_out_under_the_name_that_is_asked(tmp_path, name, data):
+    """A field of an object of MATLAB, and a point in place of a slash."""
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        file["t"] = T
+        file["notes/text"] = ["by hand"]
+        put(file, "log", np.uint32([[1, 2]]), "timetable")
+    request = "hdf5", tmp_path / "a.h5", [name], ""
+    refused(
+        lambda: read_file(*request, numbers_only=True),
+        f"column {name!r} must be there; got 3 others: .*{data!r}",
+    )

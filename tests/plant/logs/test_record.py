@@ -189,6 +189,23 @@ GOOD = "0,1,2,3,4\n0.1,5,6,7,8\n"
             + GOOD,
             r"error_",
         ),
+        (
+            "t [ms],error_1 [pulses],error_2 [pulses]\n0,1,2\n1,3,4\n",
+            r"must have time as column 1, 't \[s\]'; got 't \[ms\]'",
+        ),
+        (
+            "reference_1 [pulses],error_1 [pulses],error_2 [pulses]\n0,1,2\n1,3,4\n",
+            r"must have time as column 1, 't \[s\]'; got 'reference_1 \[pulses\]'",
+        ),
+        (
+            "t,link1_ref,link2_ref,e1,e2\n0,1,2,3,4\n0.1,nan,6,7,8\n",
+            r"line 3 must have finite numbers; got nan in column 'link1_ref'",
+        ),
+        (
+            "# by hand\n\n" + GOOD + "0.2,1.5,2,3,4\n",
+            r"line 5 must hold whole .* 1\.5 in column 2\.",
+        ),
+        ("t,a,b,c,d\n" + GOOD + "0.2,1.5,2,3,4\n", r"line 4 must hold whole .* 1\.5 in column 'a'"),
         ('# {"onepulse": 2}\n' + GOOD, r"line 1 must be version 1; got 2\. Use a newer library"),
     ],
 )
@@ -247,6 +264,54 @@ def test_bad_header_is_refused_in_one_line(file, spoil, message):
     with pytest.raises(ValueError, match=message) as error:
         Record.from_csv(file)
     assert "\n" not in str(error.value)
+
+
+def test_a_comment_above_the_header_does_not_hide_it(file):
+    record = some_record(notes={"robot": "cell_7"})
+    record.to_csv(file)
+    text = file.read_text()
+    for comment in ('# {"operator": "me"}\n', '# {"rig": 7}\n', "# {}\n", "# by hand\n"):
+        file.write_text(comment + text + comment)
+        again = Record.from_csv(file)
+        same(again, record)
+        assert again.notes == record.notes
+
+
+def test_a_file_that_was_saved_again_with_the_mark_of_utf8_is_the_library_s_own(file):
+    record = some_record()
+    record.to_csv(file)
+    file.write_text(file.read_text(), encoding="utf-8-sig")
+    same(Record.read(file), record)
+
+
+def test_what_cannot_be_written_leaves_the_old_file(file):
+    """`Record` refuses such notes; its dictionary may have changed since."""
+    record = some_record(notes={"robot": "cell_7"})
+    record.to_csv(file)
+    before = file.read_bytes()
+    record.notes["operator"] = object()
+    with pytest.raises(TypeError):
+        record.to_csv(file)
+    assert file.read_bytes() == before
+
+
+def test_a_row_without_a_number_may_be_marked_or_mapped(file):
+    """The advice of each refusal leads to a record: weights beside named columns, a mapping of
+    others.
+    """
+    named = "t [s],error_1 [pulses],error_2 [pulses]{}\n0,1,2{}\n0.1,{},2{}\n0.2,1,2{}\n"
+    file.write_text(named.format("", "", "nan", "", ""))
+    with pytest.raises(ValueError, match=r"line 3 must .*mark the row invalid.*'valid \[1\]'"):
+        Record.from_csv(file, rig=RIG)
+    file.write_text(named.format(",valid [1]", ",1", "0", ",0", ",1"))
+    np.testing.assert_array_equal(Record.from_csv(file, rig=RIG).valid, [1, 0, 1])
+    file.write_text("t,r1,r2,e1,e2\n0,1,2,3,4\n0.0007,nan,6,7,8\n0.0014,1,2,3,4\n")
+    with pytest.raises(ValueError, match=r"line 3 must .*map them with columns=") as error:
+        Record.from_csv(file, rig=RIG)
+    assert "valid [1]" not in str(error.value)
+    columns = {"t": "t", "error_pulses": ["e1", "e2"], "reference_pulses": ["r1", "r2"]}
+    record = Record.from_csv(file, rig=RIG, columns=columns, units={"t": "s"})
+    np.testing.assert_array_equal(record.valid, [1, 0, 1])
 
 
 def test_binary_file_is_a_value_error(file):

@@ -3,6 +3,7 @@ acts on the chain.
 """
 
 import os
+import time
 
 import numpy as np
 import pytest
@@ -320,6 +321,81 @@ def test_an_encoding_that_a_file_does_not_have(tmp_path):
         path.write_bytes(f'<?xml version="1.0" encoding="{name}"?>\n<robot name="ö"/>'.encode())
         with pytest.raises(ValueError, match="must be text in the encoding"):
             Chain.from_urdf(path)
+
+
+def test_a_file_whose_bytes_tell_another_encoding_is_read_but_not_written(tmp_path):
+    """UTF-16 is known by its first bytes; the name that it declares is needed to write it."""
+    from plant.mechanics.xml_file import parsed, spliced
+
+    path = tmp_path / "coded.urdf"
+    for name in ("klingon", "hex"):
+        head = f'<?xml version="1.0" encoding="{name}"?>'
+        path.write_bytes((head + urdf(tmp_path).read_text()).encode("utf-16"))
+        root, data = parsed(path, "robot", "URDF")
+        assert Chain.from_urdf(path) == Chain.from_urdf(urdf(tmp_path))
+        with pytest.raises(ValueError, match=f"encoding of text; got '{name}'"):
+            spliced(data, [root.attribute_edit(data, "name", "new")])
+
+
+def test_new_text_in_a_file_of_ascii_is_ascii(tmp_path):
+    """Its own bytes stay, although they are UTF-8 under a declaration of ASCII."""
+    from plant.mechanics.xml_file import parsed, spliced
+
+    path = tmp_path / "coded.urdf"
+    for comment in ("", "<!-- Gerät -->"):
+        text = f'<?xml version="1.0" encoding="US-ASCII"?>{comment}<robot name="r"/>'
+        path.write_text(text, encoding="utf-8")
+        root, data = parsed(path, "robot", "URDF")
+        edits = [root.attribute_edit(data, "name", "é"), root.child_edit(data, '<link name="ü"/>')]
+        written = '<robot name="&#233;"><link name="&#252;"/></robot>'
+        edited = text.replace('<robot name="r"/>', written).encode()
+        assert spliced(data, edits) == edited
+        path.write_bytes(edited)
+        again, _ = parsed(path, "robot", "URDF")
+        assert (again.attributes["name"], again.children[0].attributes["name"]) == ("é", "ü")
+
+
+@pytest.mark.parametrize("empty", ["<inertial/>", "<inertial></inertial>", "<inertial />"])
+def test_an_empty_inertial_is_filled(tmp_path, empty):
+    from plant.mechanics.xml_file import parsed, spliced
+    from plant.models.edits import urdf_inertial
+
+    path = tmp_path / "arm.urdf"
+    path.write_text(f'<robot name="r"><link name="a">{empty}</link></robot>')
+    robot, data = parsed(path, "robot", "URDF")
+    body = Body(mass=2.0, com=(0.1, 0, 0), inertia=(0.1, 0, 0, 0.1, 0, 0.1))
+    path.write_bytes(spliced(data, urdf_inertial(data, robot.children[0], body)))
+    robot, _ = parsed(path, "robot", "URDF")
+    parts = robot.children[0].find("inertial").children
+    assert [part.tag for part in parts] == ["origin", "mass", "inertia"]
+
+
+def test_two_edits_of_the_same_bytes_are_refused(tmp_path):
+    """Both children of an empty element would close it."""
+    from plant.mechanics.xml_file import parsed, spliced
+
+    path = tmp_path / "arm.urdf"
+    path.write_text('<robot name="r"/>')
+    robot, data = parsed(path, "robot", "URDF")
+    edits = [robot.child_edit(data, f'<link name="{name}"/>') for name in "ab"]
+    with pytest.raises(ValueError, match="must not overlap; two replace byte 15"):
+        spliced(data, edits)
+    path.write_text('<robot name="r"></robot>')
+    robot, data = parsed(path, "robot", "URDF")
+    edits = [robot.child_edit(data, f'<link name="{name}"/>') for name in "ab"]
+    expected = b'<robot name="r"><link name="a"/><link name="b"/></robot>'
+    assert spliced(data, edits) == expected
+
+
+def test_a_long_text_of_digits_is_refused_at_once(tmp_path):
+    path = urdf(tmp_path)
+    long = "1" * 12_000 + "x"
+    path.write_text(path.read_text().replace('<mass value="2"', f'<mass value="{long}"'))
+    begin = time.process_time()
+    with pytest.raises(ValueError, match="must have one finite number in value; got '1111"):
+        Chain.from_urdf(path)
+    # The time grows with the digits, not with their square, which takes seconds.
+    assert time.process_time() - begin < 1
 
 
 def test_a_slip_of_the_triangle_inequality_is_said_and_read(tmp_path):

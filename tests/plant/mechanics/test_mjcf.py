@@ -110,6 +110,8 @@ def test_included_files_are_read(tmp_path):
         ),
         (GOOD.replace('mass="1"', 'mass="nan"'), "body b must have one finite number in mass"),
         (GOOD.replace('pos="0 0 0"', 'quat="0 0 0 0"'), "must have a direction in quat"),
+        (GOOD.replace('pos="0 0 0"', 'xyaxes="1 0 0 2 0 0"'), "axes that differ in xyaxes"),
+        (GOOD.replace('pos="0 0 0"', 'xyaxes=".1 .7 .3 .3 2.1 .9"'), "axes that differ in xyaxes"),
         (
             GOOD.replace('pos="0 0 0"', 'quat="1 0 0 0" euler="0 0 0"'),
             "must have one orientation; it has quat and euler",

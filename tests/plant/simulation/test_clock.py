@@ -1,6 +1,7 @@
 """When a loop is sampled, and what drives it then: even and uneven time stamps, and gaps."""
 
 import dataclasses
+import re
 
 import numpy as np
 import pytest
@@ -76,6 +77,29 @@ def test_stamps_that_have_nothing_to_do_with_the_period_are_refused():
         match=r"t must advance by the rig's period 0\.001 s, or nearly; sample 1 is -0\.0003",
     ):
         Clock.of(record(np.arange(9) * RIG.period, slower))
+
+
+def test_the_usual_interval_is_one_of_the_log():
+    """The period for which the last sample is held is none of them."""
+    for t, usual in (([0, 1.15], "0.000805"), ([0, 1.06, 2.22], "0.000777")):
+        with pytest.raises(ValueError, match=f"the usual interval is {usual} s"):
+            Clock.of(record(np.array(t) * RIG.period))
+
+
+@pytest.mark.parametrize("gap", [1e9, 1e300])
+def test_a_gap_that_no_memory_holds_is_refused(gap):
+    t = np.append(np.arange(3) * RIG.period, gap)
+    with pytest.raises(ValueError, match=rf"{re.escape(f'{gap:.6g}')} s pass after sample 2\."):
+        Clock.of(record(t))
+
+
+@pytest.mark.parametrize("place", [1, 2, 4])
+def test_the_shortest_interval_has_one_part(place):
+    t = np.insert(np.arange(5) * RIG.period, place, (place - 1) * RIG.period + 1e-13)
+    clock = Clock.of(record(t))
+    np.testing.assert_array_equal(clock.rows, np.arange(6))
+    np.testing.assert_array_equal(clock.t, t)
+    np.testing.assert_allclose(clock.lengths, np.append(np.diff(t), RIG.period), rtol=1e-15)
 
 
 @pytest.mark.parametrize("period", [None, 2e-3])
