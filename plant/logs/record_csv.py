@@ -175,8 +175,9 @@ def _named(names: list[str], table: Floats, n: int) -> dict[str, Floats]:
         for i in range(n)
     }
     places["valid [1]"] = "valid", 0
-    # Time in another unit, or another signal, must not be read as seconds.
-    if names[0] != "t [s]":
+    # Time in another unit, or another signal, must not be read as seconds; a name without a unit
+    # states none.
+    if names[0] not in ("t [s]", "t"):
         advice = "Write seconds there, or map the columns with columns= and units=."
         raise ValueError(f"must have time as column 1, 't [s]'; got {names[0]!r:.40}. {advice}")
     fields: dict[str, Floats] = {}
