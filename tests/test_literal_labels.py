@@ -39,3 +39,21 @@ def test_numbers_at_ticks_keep_their_mathematics_and_names_at_ticks_are_literal(
     assert powers
     assert all(text.get_parse_math() for text in powers)
     assert not any(text.get_parse_math() for text in figure.axes[1].get_yticklabels())
+
+
+def test_the_power_of_ten_beside_an_axis_keeps_its_mathematics():
+    plt = pytest.importorskip("matplotlib.pyplot")
+
+    @literal
+    def plot():
+        axis = plt.subplots()[1]
+        axis.plot([0, 1], [0, 1e8])
+        axis.set_title(NAMES[0])
+        return axis
+
+    with plt.rc_context({"axes.formatter.use_mathtext": True}):
+        axis = plot()
+        axis.figure.canvas.draw()
+    power = axis.yaxis.get_offset_text()
+    assert "10^{8}" in power.get_text()
+    assert power.get_parse_math()

@@ -272,6 +272,7 @@ RESULTS = {
         of=64,
         peak=3.0,
         chatter=np.ones(2),
+        noise=0.1,
     ),
     "Gears": seen,
     "Identification": found,

@@ -113,6 +113,12 @@ class LearntTorque(Law):
 
     def block(self, rig: Rig) -> Block:
         """This law as a symbolic step for the rig on which it was learnt."""
+        self._require_rig(rig)
+        self.law.block(rig)  # refuses a rig that is not the law's
+        return super().block(rig)
+
+    def _require_rig(self, rig: Rig) -> None:
+        """Refuse another rig than that on which the torque was learnt."""
         # These numbers convert counts, currents and time. Friction and the other parameters may be
         # identified again without loss of the learnt torque.
         for name, path in (
@@ -130,8 +136,6 @@ class LearntTorque(Law):
                     f"rig must be that on which the torque was learnt, {name} {expected};"
                     f" got {value}. Learn on this one."
                 )
-        self.law.block(rig)  # refuses a rig that is not the law's
-        return super().block(rig)
 
     def start(self, rig: Rig, pulses: ArrayLike, **options: Any) -> Running:
         """As `Law.start`, for an arm that stands where the path begins.
@@ -139,8 +143,11 @@ class LearntTorque(Law):
         Raises
         ------
         ValueError
-            If the inner law refuses the rig or the pulses, or if the arm stands elsewhere.
+            If the rig is another one, if the inner law refuses it or the pulses, or if the arm
+            stands elsewhere.
         """
+        # The rig comes first: counts of another one lie elsewhere, wherever its arm stands.
+        self._require_rig(rig)
         # The learnt torque belongs to times along the path: from another position it would push the
         # arm off the path at once.
         begins = self.rig.counts(self.reference([0.0]).q[0])

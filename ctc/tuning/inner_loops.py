@@ -15,6 +15,7 @@ import numpy as np
 from ctc.certification.certify import Task
 from ctc.certification.statement import percent
 from ctc.laws.computed_torque import ComputedTorque
+from ctc.tuning.effort_scale import effort_scale
 from identification import IdentificationWarning
 from plant import MitDrive, Rig
 from plant.machine.inner_loop import InnerLoop
@@ -40,7 +41,8 @@ class InnerTrial(Shown, Frozen):
     `left`, `of`: samples that exceed the limit, and samples simulated. `peak`: largest tracking
     error of any sample [pulses]. `chatter` (n,): mean change of the motors' torque from one
     sampling instant to the next, mean of samples and motions [N m, or N where a joint slides].
-    `peak` and `chatter` are infinite where a loop diverged.
+    `noise`: the same in shares of each joint's torque along the motions, mean of the joints.
+    `peak`, `chatter` and `noise` are infinite where a loop diverged.
     """
 
     register: Any
@@ -49,12 +51,14 @@ class InnerTrial(Shown, Frozen):
     of: int
     peak: float
     chatter: Floats
+    noise: float
 
     @property
     def rank(self) -> tuple[int, float]:
-        """Rank of a trial; a smaller one is better: first the failing samples, then the chatter."""
-        # A loop with more failing samples is always worse, however quiet it is.
-        return self.left, float(self.chatter.mean())
+        """Rank of a trial; a smaller one is better: first the failing samples, then the noise."""
+        # A loop with more failing samples is always worse, however quiet it is. Shares of each
+        # torque, as in the search above: a wrist counts like a shoulder.
+        return self.left, self.noise
 
     @property
     def fields(self) -> str:
@@ -111,6 +115,8 @@ def inner_trials(
         ]
         # A sample fails if any motion leaves the limit, as in the certificate.
         failed = np.any([run.outside > 0 for run in runs], axis=0)
+        chatter = np.mean([run.chatter.mean(axis=0) for run in runs], axis=0)
+        scale = effort_scale(plants.arm, plants.rig, task.motions)
         trials.append(
             InnerTrial(
                 register=register,
@@ -119,7 +125,8 @@ def inner_trials(
                 left=int(failed.sum()),
                 of=len(failed),
                 peak=float(max(run.peak.max() for run in runs)),
-                chatter=np.mean([run.chatter.mean(axis=0) for run in runs], axis=0),
+                chatter=chatter,
+                noise=float((chatter / scale).mean()),
             )
         )
     return tuple(sorted(trials, key=lambda trial: trial.rank))

@@ -10,19 +10,19 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ctc.certification.certificate import Certificate
 from ctc.certification.certificates import Certificates
 from ctc.certification.certify import Motions, Task, certify
 from ctc.certification.uncertainty import Uncertainty
+from ctc.tuning.effort_scale import effort_scale
 from ctc.tuning.inner_loops import inner_trials
 from ctc.tuning.known_gears import KnownGears, with_known_gears
 from ctc.tuning.search import SETTINGS, Tunings
 from ctc.tuning.tuning import Family, Trial, Tuning, families, varied
 from ctc.verdict.on_gears import SETTLED
 from identification import Identification, IdentificationWarning
-from plant import Arm, Reference, Rig
+from plant import Arm, Rig
 from plant.machine.inner_loop import InnerLoop
 from plant.parts import Floats, ProgressBar, known_options, progress_bar, real, warn
 from plant.simulation.executors import Executor
@@ -56,7 +56,9 @@ def tune(
     a PID that rolls off, and of feed-forward with PD, on samples of the uncertainty; the best are
     tested on independent samples. The search of computed torque with observer begins with its
     default, and keeps the dead zone and boost of the default if they are not to `vary`. Torque
-    chatter is the mean change of the torque from one sampling instant to the next.
+    chatter is the mean change of the torque from one sampling instant to the next. The least is the
+    least in shares of each joint's torque along the reference, mean of the joints (`Trial.noise`);
+    tables show it in N m, or N of a slide.
 
     Parameters
     ----------
@@ -271,19 +273,7 @@ def _common_options(task: Task, fresh: Any, after: float, allowed: float) -> dic
         "plants": fresh,
         "motions": tuple(task.motions.values()),
         "options": {"within": task.within, "after": after},
-        "scale": _scale(fresh.arm, fresh.rig, task.motions),
+        "scale": effort_scale(fresh.arm, fresh.rig, task.motions),
         "allowed": float(allowed),
         "settings": SETTINGS,
     }
-
-
-def _scale(arm: Arm, rig: Rig, motions: dict[str, tuple[Reference, float]]) -> NDArray[np.float64]:
-    """Root mean square (n,) of each joint's torque along the motions [N m], the unit of chatter."""
-    instants = 200  # a torque that is averaged needs no more of them
-    rows = [
-        np.array(path(np.linspace(0, duration, instants))).swapaxes(0, 1)
-        for path, duration in motions.values()
-    ]
-    # Springs of the rig carry their part of the load without the motors.
-    torque = [arm.inverse(*row) - rig.spring_torque(row[0]) for row in np.concatenate(rows)]
-    return np.sqrt(np.mean(np.square(torque), axis=0))

@@ -59,6 +59,37 @@ _FACTOR = 4.0
 _SHARES = {"dead_zone": (0.05, 1.0), "learnable": (0.05, 0.99)}
 
 
+# Variables in rad/s: a long period limits them, and a slower tuning has less of all of them.
+_FREQUENCIES = ("bandwidth", "integral", "roll_off", "filter")
+
+
+def _up_to(limit: float, lowest: float, highest: float) -> tuple[float, float]:
+    """A range from `lowest` to `highest`, below a limit that falls with the period."""
+    highest = min(highest, limit)
+    # At a long period even `lowest` is beyond the limit: the range then lies below the limit.
+    return min(lowest, highest / _FACTOR), highest
+
+
+def _inside(
+    tunings: Iterable[Mapping[str, float]], variables: dict[str, tuple[float, float]]
+) -> list[dict[str, float]]:
+    """Tunings within the ranges of their variables, each once; a fast one is slowed as a whole."""
+    inside: list[dict[str, float]] = []
+    for tuning in tunings:
+        # One factor for all frequencies keeps the shape of a loop. At their upper ends alone, where
+        # clipping would put them, most loops are unstable.
+        shares = [variables[name][1] / tuning[name] for name in _FREQUENCIES if name in tuning]
+        factor = min(1.0, *shares)
+        slowed = {
+            name: value * factor if name in _FREQUENCIES else value
+            for name, value in tuning.items()
+        }
+        clipped = {name: float(np.clip(slowed[name], *variables[name])) for name in variables}
+        if clipped not in inside:
+            inside.append(clipped)
+    return inside
+
+
 def _named(values: Numbers) -> Numbers:
     """Numbers of a law whose variables are fields of it, or of its settings."""
     return {
@@ -153,8 +184,10 @@ def _with_observer(
     ranges = {
         name: _SHARES.get(name, (value / _FACTOR, value * _FACTOR)) for name, value in usual.items()
     }
-    # A dead zone of zero, which has no logarithm, begins at the least of its range.
-    usual = {name: max(value, ranges[name][0]) for name, value in usual.items()}
+    variables = {
+        "bandwidth": _up_to(fastest, 10.0, 400.0),
+        "observer_ratio": (0.5, 4.0),
+    } | ranges
     # The default suits the arm as identified; with stated gears, the bandwidth may have to be far
     # lower.
     slower = [{"bandwidth": w, "observer_ratio": 1.5} for w in (20.0, 60.0, 100.0, 150.0, 200.0)]
@@ -162,17 +195,18 @@ def _with_observer(
     return Family(
         name="computed torque with observer",
         law=ComputedTorque(arm, rig, **fields),
-        variables={"bandwidth": (10.0, min(400.0, fastest)), "observer_ratio": (0.5, 4.0)} | ranges,
-        initial=[tuning | usual for tuning in gains],
+        variables=variables,
+        # A dead zone of zero, which has no logarithm, begins at the least of its range.
+        initial=_inside([tuning | usual for tuning in gains], variables),
     )
 
 
 def _with_pid(arm: Arm, rig: Rig, fastest: float, corner: float) -> Family:
     variables = {
-        "bandwidth": (30.0, min(500.0, fastest)),
+        "bandwidth": _up_to(fastest, 30.0, 500.0),
         "ratio": (0.6, 8.0),
         "integral": (0.5, 150.0),
-        "roll_off": (100.0, corner),
+        "roll_off": _up_to(corner, 100.0, np.inf),
         "roll_off_damping": (0.3, 1.5),
     }
     # Tunings that earlier searches ended with, on rigid and on elastic gears.
@@ -193,7 +227,7 @@ def _with_pid(arm: Arm, rig: Rig, fastest: float, corner: float) -> Family:
             roll_off_damping=0.8,
         ),
         variables=variables,
-        initial=[dict(zip(variables, row, strict=True)) for row in rows],
+        initial=_inside([dict(zip(variables, row, strict=True)) for row in rows], variables),
     )
 
 
@@ -214,20 +248,20 @@ def _feed_forward(
         gains |= {f"law.feedback.derivative[{i}]": unit[i] * 2 * damping * w for i in range(rig.n)}
         return gains | {"law.feedback.filter": values["filter"]}
 
+    variables = {
+        "bandwidth": _up_to(fastest, 20.0, 500.0),
+        "damping": (0.2, 3.0),
+        "filter": _up_to(2 * corner, 200.0, np.inf),
+    }
+    tunings = [
+        {"bandwidth": w, "damping": d, "filter": 3000.0} for w in (150.0, 250.0) for d in (0.7, 1.0)
+    ]
     return Family(
         name="feed-forward with PD",
         law=FeedForward(arm, rig, feedback=pd),
         numbers=numbers,
-        variables={
-            "bandwidth": (20.0, min(500.0, fastest)),
-            "damping": (0.2, 3.0),
-            "filter": (200.0, 2 * corner),
-        },
-        initial=[
-            {"bandwidth": w, "damping": d, "filter": 3000.0}
-            for w in (150.0, 250.0)
-            for d in (0.7, 1.0)
-        ],
+        variables=variables,
+        initial=_inside(tunings, variables),
     )
 
 
@@ -330,8 +364,8 @@ class Tuning(Shown, Frozen):
     def table(self) -> str:
         """The best tuning of each family.
 
-        Each row has the share of the validation samples that exceeds the limit, the chatter, and
-        the numbers.
+        Each row has the share of the validation samples that exceeds the limit, the chatter of each
+        joint, and the numbers; the first is the best by `Trial.rank`.
         """
         return "\n".join(self._table().lines())
 
@@ -390,7 +424,8 @@ class Tuning(Shown, Frozen):
         if not self.holds:
             yield from self._failing(samples)
             # The least peak shows which limit could be kept, and the least chatter how quiet a loop
-            # could be without the limit; each has its own tuning.
+            # could be without the limit; each has its own tuning. The least is that of `noise`, in
+            # shares of the torques, and the text shows it in N m.
             closest = min(self.trials, key=lambda trial: trial.peak)
             quietest = min(self.trials, key=lambda trial: trial.noise)
             yield f"least peak: {closest.peak:.0f} pulses, {closest.family} ({closest.tuned})"

@@ -19,7 +19,7 @@ KINDS = ("asymmetric", "load-dependent", "Stribeck", "saturating viscous", "risi
 
 ASYMMETRIC, LOAD_DEPENDENT, STRIBECK, SATURATING, RISING = KINDS
 
-_STATE = "state it, the drive of fit.friction[0].drive(rig.drive)"
+_STATE = "state it by drive(rig.drive) of this trial"
 
 _ADVICE = {
     ASYMMETRIC: f"{_STATE}, and add drive.curve.offset[i] to unknown",
@@ -137,11 +137,15 @@ class FrictionTrial(Shown):
             If the trial is of Stribeck or saturating friction, and the drive states one already.
         """
         # A joint that was not tried gets level 0. Levels are of the shafts, a curve of the motors.
+        tried = np.isfinite(self.levels)
         levels = np.nan_to_num(self.levels)
-        # A drive refuses negative friction, so a slightly negative level becomes 0.
+        # A drive refuses negative friction, so a slightly negative level becomes 0. An offset may
+        # have either sign.
+        if self.kind != ASYMMETRIC:
+            levels = np.maximum(levels, 0.0)
         if self.kind == LOAD_DEPENDENT:
             stated = 0.0 if drive.load_friction is None else drive.load_friction.share
-            return replace(drive, load_friction=stated + np.maximum(levels, 0.0))
+            return replace(drive, load_friction=stated + levels)
         curve = drive.curve or FrictionCurve(offset=0 * levels)
         if self.kind == ASYMMETRIC:
             curve = replace(curve, offset=curve.offset + levels / drive.gear)
@@ -155,8 +159,7 @@ class FrictionTrial(Shown):
             gear = np.abs(drive.gear)
             # A curve is stated on the motor side: speeds times the gear, torques divided by it.
             speed = np.array(self.share) * self.usual * gear
-            breakaway = np.maximum(levels, 0.0) / gear
-            curve = replace(curve, breakaway=breakaway, speed=speed)
+            curve = replace(curve, breakaway=levels / gear, speed=speed)
         elif self.kind == SATURATING and self.share is not None:
             if curve.saturation is not None:
                 raise ValueError(
@@ -164,23 +167,23 @@ class FrictionTrial(Shown):
                     " Fit without it."
                 )
             # A joint that was not tried stays in proportion to its speed.
-            tried = np.isfinite(self.levels)
             speed = np.array(self.share) * self.usual
             saturation = np.where(tried, speed * np.abs(drive.gear), np.inf)
             # The level is slope times saturation, both of the joint.
-            slope = np.maximum(levels, 0.0) / speed / drive.gear**2
+            slope = levels / speed / drive.gear**2
             curve = replace(curve, saturation=saturation)
             drive = replace(drive, viscous=np.where(tried, slope, drive.viscous))
         elif self.kind == RISING and self.share is not None:
             gear = np.abs(drive.gear)
-            rise = np.array(self.share) * self.usual * gear
+            # A joint that was not tried keeps its level, which does not rise.
+            rise = np.where(tried, np.array(self.share) * self.usual * gear, 0.0)
             curve = replace(curve, rise=rise)
-            coulomb = np.where(np.isfinite(self.levels), levels / gear, drive.coulomb)
-            drive = replace(drive, coulomb=coulomb)
+            drive = replace(drive, coulomb=np.where(tried, levels / gear, drive.coulomb))
         return replace(drive, curve=curve)
 
     def _short(self):
-        speeds = ", ".join(f"{share:.0%}" for share in dict.fromkeys(self.share or ()))
+        # Shares that print alike are one.
+        speeds = ", ".join(dict.fromkeys(f"{share:.0%}" for share in self.share or ()))
         at = f" at {speeds} of the usual speed{'s' * (',' in speeds)}" if speeds else ""
         return (
             f"{self.kind}{at}: blocks kept aside {self.better:+.0%} better ({self.errors:.1f}"
@@ -194,14 +197,18 @@ class FrictionTrial(Shown):
 def gain(base: Floats, gains: Floats) -> tuple[float, float]:
     """Mean of `gains` (S,), relative to the mean of the losses `base` (S,), and in standard errors.
 
-    Both are NaN with fewer than two finite gains, which have no standard error.
+    Blocks without a finite gain count in neither. Both are NaN with fewer than two others, which
+    have no standard error.
     """
-    gains = gains[np.isfinite(gains)]
+    finite = np.isfinite(gains)
+    # One base may stand for all blocks.
+    base = np.broadcast_to(base, gains.shape)[finite]
+    gains = gains[finite]
     if len(gains) < 2:
         return np.nan, np.nan
     # Blocks that all gain alike have no scatter.
     error = max(float(gains.std(ddof=1)) / np.sqrt(len(gains)), 1e-300)
-    return float(gains.mean() / np.nanmean(base)), float(gains.mean() / error)
+    return float(gains.mean() / base.mean()), float(gains.mean() / error)
 
 
 def friction_trials(

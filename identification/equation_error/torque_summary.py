@@ -142,7 +142,7 @@ def warnings_of(fit: Any) -> list[str]:
             " side N m), signs and the order of the joints"
         )
     # The best kind alone: the others are judged beside it by the next fit.
-    lines += [trial.advice for trial in fit.friction[:1] if trial.clear]
+    lines += [f"{trial.advice} (fit.friction[0])" for trial in fit.friction[:1] if trial.clear]
 
     # 2. Logs that differ in numbers of the arm, which are the same in all of them.
     # A single log has nothing to differ from.

@@ -23,6 +23,7 @@ from identification.equation_error.regressor import System, compared, regressor_
 from identification.equation_error.torque_fit import TorqueFit, weighted
 from identification.equation_error.torque_logs import torque_of
 from plant import Dynamics, Record
+from plant.checkup.lost_rows import on_lines
 from plant.motion.reference import Motion
 from plant.parts.fields import Bools, Floats
 from plant.parts.sums import product, products
@@ -50,6 +51,9 @@ class Deflections(NamedTuple):
 
         The zeros of the links are set so that the mean deflection is zero.
         """
+        # Counts without weight may be anything: filters would carry them into their neighbourhood,
+        # and the mean would carry them everywhere.
+        record = on_lines(record, record.valid == 0)
         rig = record.rig
         counts = record.counts
         link_counts = np.asarray(record.link_counts)
@@ -204,6 +208,10 @@ def _moved_by_f(systems, seen, compliance):
     centred = [_centred(system.regressor, system.used) for system in systems]
     moves = []
     for j, c in zip(seen, compliance, strict=True):
+        # A log in which the torque of this gear is constant tells nothing of it.
+        if np.isnan(c):
+            moves.append(np.full((2, centred[0].shape[2] - 2), np.nan))
+            continue
         rows = np.vstack(
             [
                 columns[system.used[:, j], j]

@@ -183,7 +183,8 @@ def short_gaps(missing: Bools, longest: int) -> Bools:
 
 def on_lines(record, rows: Bools) -> Any:
     """The record with these rows on straight lines between the others, and without weight."""
-    if not rows.any():
+    # Without any other row there is nothing to draw a line between.
+    if not rows.any() or rows.all():
         return record
 
     def lines(table, pulses):

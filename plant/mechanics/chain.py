@@ -64,7 +64,7 @@ class Chain(Part):
 
     def __post_init__(self) -> None:
         # A chain of one link may be given by the link itself.
-        links = tuple(self.links) if np.iterable(self.links) else (self.links,)
+        links = _several(self.links)
         if not links or not all(isinstance(link, Link) for link in links):
             raise ValueError(
                 f"links must be at least one Link; got {self.links!r:.80}. Give a tuple of"
@@ -79,12 +79,13 @@ class Chain(Part):
             )
         gravity = array("gravity", self.gravity, (3,), advice="Give m/s^2, such as (0, 0, -9.81).")
         # Bodies are optional, since equations need only the geometry; if any is given, all must be.
-        bodies = tuple(self.bodies) if np.iterable(self.bodies) else (self.bodies,)
-        complete = len(bodies) == len(links) and all(isinstance(body, Body) for body in bodies)
-        if bodies and not complete:
+        bodies = _several(self.bodies)
+        others = [type(body).__name__ for body in bodies if not isinstance(body, Body)]
+        if bodies and (others or len(bodies) != len(links)):
+            # Of the right number, one is no body.
+            got = f"one of type {others[0]}" if len(bodies) == len(links) else len(bodies)
             raise ValueError(
-                f"bodies must be {len(links)}, one Body per link; got {len(bodies)}. Add or leave"
-                " out."
+                f"bodies must be {len(links)}, one Body per link; got {got}. Add or leave out."
             )
         # A coupling for other joints would be broadcast without a word.
         self.coupling.require_size(len(links), "chain")
@@ -167,11 +168,12 @@ class Chain(Part):
         names = [carrier.name for carrier in self.links]
         if isinstance(link, str):
             link = names.index(choice("link", link, names))
-        # A negative index counts from the tip, as in Python.
-        if not isinstance(link, (int, np.integer)) or not -self.n <= link < self.n:
+        # A negative index counts from the tip, as in Python; True is an int, but no index.
+        whole = isinstance(link, (int, np.integer)) and not isinstance(link, bool)
+        if not whole or not -self.n <= link < self.n:
             raise ValueError(
-                f"link must be a name or a place below {self.n}; got {link!r}. Names:"
-                f" {', '.join(names)}."
+                f"link must be a name or a place from {-self.n} to {self.n - 1}; got {link!r}."
+                f" Names: {', '.join(names)}."
             )
         bodies = list(self.bodies)
         bodies[link] = bodies[link].joined(body)
@@ -293,4 +295,9 @@ class Chain(Part):
             fields = {"name": str(i + 1)} | dict(row) | start
             links.append(Link(**fields, frame=Placement.of_row(**end)))
             start = end
-        return cls(links=tuple(links), gravity=gravity, bodies=tuple(bodies))
+        return cls(links=tuple(links), gravity=gravity, bodies=_several(bodies))
+
+
+def _several(given: Any) -> tuple[Any, ...]:
+    """The items of a sequence; a single link or body stands for a sequence of one."""
+    return tuple(given) if np.iterable(given) else (given,)

@@ -91,9 +91,10 @@ def row_by_row(
 
 def dressed(axis: Any, title: str = "", size: float = 9) -> Any:
     """Add a grid to the axis, hide its top and right borders, set its title at the left."""
-    # 3D axes draw no spines.
-    if axis.name != "3d":
-        axis.spines[["top", "right"]].set_visible(False)
+    # A polar axis has other borders.
+    for side in ("top", "right"):
+        if side in axis.spines:
+            axis.spines[side].set_visible(False)
     axis.grid(alpha=0.25, linewidth=0.5)
     # The grid lies behind bars and curves.
     axis.set_axisbelow(True)
@@ -140,6 +141,8 @@ def literal(plot: F) -> F:
                 if formatter.startswith(_NUMBERS):
                     numbers.update(map(id, axis.get_majorticklabels()))
                     numbers.update(map(id, axis.get_minorticklabels()))
+                    # The power of ten that all of them share.
+                    numbers.add(id(axis.get_offset_text()))
         # 2. Switch mathematics off in all other texts. A figure made here belongs to the plot as a
         # whole, with its title; a figure of the caller keeps the texts of its other Axes.
         by_caller = signature.bind(*args, **kwargs).arguments.get("ax") is not None

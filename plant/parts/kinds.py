@@ -29,8 +29,18 @@ def kind_of(cls: type) -> str:
 
 def kept(cls: C) -> C:
     """Class decorator: a result of named fields (dataclass, named tuple) that files may hold."""
+    require_untagged(cls)
     _RESULTS[kind_of(cls)] = cls
     return cls
+
+
+def require_untagged(cls: type) -> None:
+    """Refuse a class with a field `kind`: a description names the class itself by this key."""
+    if "kind" in _names(cls):
+        raise ValueError(
+            f"{cls.__name__} must have no field 'kind', by which a file names the class; it has"
+            " one. Rename it."
+        )
 
 
 def field_names(cls: type, *, compared: bool = False) -> list[str] | None:
@@ -41,6 +51,10 @@ def field_names(cls: type, *, compared: bool = False) -> list[str] | None:
     # A class of the same name that is not the registered one must not pass.
     if cls not in (PARTS.get(kind_of(cls)), _RESULTS.get(kind_of(cls))):
         return None
+    return _names(cls, compared=compared)
+
+
+def _names(cls: type, *, compared: bool = False) -> list[str]:
     if not dataclasses.is_dataclass(cls):
         return list(cls._fields)  # type: ignore[attr-defined]  # a named tuple
     return [field.name for field in dataclasses.fields(cls) if field.compare or not compared]

@@ -7,7 +7,7 @@ numbers of numpy, lists and dictionaries have tags: ``{"array": [...], "dtype": 
 of the part makes arrays. No bit of a number is lost.
 """
 
-import dataclasses
+import inspect
 import math
 from typing import Any
 
@@ -27,6 +27,9 @@ from plant.parts.kinds import (
 _TYPES = ("bool", "uint8", "int32", "int64", "float32", "float64")
 _TAGS = ("array", "scalar", "list", "dict")
 
+# Types of the keys of a dictionary: of others, such as tuples, reading makes no keys.
+_KEYS = (str, int, float)
+
 
 def to_plain(value: Any, *, compared: bool = False) -> Any:
     """A part, a result or a value of a field as plain data; other types are refused.
@@ -39,6 +42,9 @@ def to_plain(value: Any, *, compared: bool = False) -> Any:
         return value
     # Only types whose numbers JSON stores without loss.
     if isinstance(value, np.ndarray):
+        if not compared:
+            # An array that lies on a disk has the same numbers; a masked array would lose its mask.
+            choice("class of an array in a file", cls.__name__, ("ndarray", "memmap"))
         choice("dtype of an array in a file", value.dtype.name, _TYPES)
         return {"array": value.tolist(), "dtype": value.dtype.name, "shape": list(value.shape)}
     if isinstance(value, np.generic):
@@ -63,6 +69,9 @@ def to_plain(value: Any, *, compared: bool = False) -> Any:
     if cls is list:
         return {"list": [to_plain(item, compared=compared) for item in value]}
     if isinstance(value, dict):
+        # A comparison reads nothing back.
+        if not compared:
+            _require_readable(value)
         # Pairs, since the keys of a JSON object can only be text.
         pairs = [
             [to_plain(key, compared=compared), to_plain(item, compared=compared)]
@@ -71,6 +80,18 @@ def to_plain(value: Any, *, compared: bool = False) -> Any:
         return {"dict": pairs}
     require_public(cls)
     raise ValueError(f"a file cannot hold a {cls.__name__}; got {value!r:.60}. Leave it out.")
+
+
+def _require_readable(value: dict[Any, Any]) -> None:
+    """Refuse a dictionary that would come back as another one, or not at all."""
+    # A derived class has more than its pairs, such as the default of a defaultdict.
+    choice("class of a dictionary in a file", type(value).__name__, ("dict",))
+    wrong = [key for key in value if not isinstance(key, _KEYS)]
+    if wrong:
+        raise ValueError(
+            f"keys of a dictionary in a file must be text or numbers; got {wrong[0]!r:.60}. Make"
+            " it text, such as str(key)."
+        )
 
 
 def _field(value: Any, is_part: bool, compared: bool) -> Any:
@@ -97,7 +118,7 @@ def from_plain(data: Any) -> Any:
     if set(data) == {"dict"} and isinstance(data["dict"], list):
         pairs = [from_plain(pair) for pair in data["dict"]]
         if all(
-            isinstance(pair, tuple) and len(pair) == 2 and isinstance(pair[0], (str, int, float))
+            isinstance(pair, tuple) and len(pair) == 2 and isinstance(pair[0], _KEYS)
             for pair in pairs
         ):
             return dict(pairs)
@@ -129,8 +150,8 @@ def _built(cls: type, values: dict[str, Any]) -> Any:
 
 def _has_default(cls: type, name: str) -> bool:
     """Whether a result has a default for a field that files of earlier versions lack."""
-    fields = dataclasses.fields(cls) if dataclasses.is_dataclass(cls) else ()
-    return any(field.name == name and field.default is not dataclasses.MISSING for field in fields)
+    # The constructor knows all defaults: values, factories, and those of a named tuple.
+    return inspect.signature(cls).parameters[name].default is not inspect.Parameter.empty
 
 
 def _array(rows: Any, dtype: Any, shape: Any) -> Any:
@@ -154,8 +175,10 @@ def _array(rows: Any, dtype: Any, shape: Any) -> Any:
             f"an array of {dtype} must hold numbers; got {wrong[0]!r:.40}. Correct it."
         )
     try:
-        values = np.array(flat, dtype=dtype)
-    except (OverflowError, ValueError):
+        # numpy makes infinity of a number that is too large for float32, with a warning alone.
+        with np.errstate(over="raise"):
+            values = np.array(flat, dtype=dtype)
+    except (ArithmeticError, ValueError):
         raise ValueError(
             f"an array of {dtype} must hold numbers within its range; it does not. Correct it."
         ) from None

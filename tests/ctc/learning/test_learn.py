@@ -8,7 +8,7 @@ from scipy.linalg import expm
 
 from ctc import ComputedTorque, LearnSettings, LearntTorque, certify, evaluate, learn
 from ctc.learning.path_plant import _exponentials, path_plant, standing
-from plant import PID, Elasticity, P, puma560, simulate
+from plant import PID, Elasticity, Harmonics, P, puma560, simulate
 
 ARM, RIG, PATH = puma560.literature_arm(1.5), puma560.rig(), puma560.reference()
 
@@ -263,6 +263,20 @@ def test_bad_input(learnt, log):
         learnt.law.start(RIG, (500, 0))
     with pytest.raises(ValueError, match="as many for each"):
         LearntTorque(law=LAW, rig=RIG, reference=PATH, terms=(1.0,))
+
+
+def test_another_rig_is_refused_for_itself_wherever_its_arm_stands():
+    """Its counts at the start of the path are others: the arm need not move."""
+    sine = ((0.2,), (-0.2,))
+    path = Harmonics(period=2.0, offset=(0.3, -0.2), cosine=((0,), (0,)), sine=sine)
+    law = LearntTorque(law=puma560.p_law(), rig=RIG, reference=path, terms=(1.0, 0.5))
+    other = dataclasses.replace(
+        RIG, encoder=dataclasses.replace(RIG.encoder, resolution=(500, 500))
+    )
+    for rig in (other, RIG):
+        pulses = rig.counts(path([0.0]).q[0])
+        with pytest.raises(ValueError, match="rig must be that on which"):
+            law.start(other, pulses)
 
 
 def test_it_says_itself_on_one_screen(learnt):

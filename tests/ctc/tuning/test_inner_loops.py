@@ -8,6 +8,8 @@ import pytest
 from servos import GAIN, arm, dynamics, rig
 
 from ctc import ComputedTorque, Uncertainty, certify, evaluate, tune
+from ctc.tuning.search import SearchSettings
+from ctc.tuning.tuning import families
 from plant import Elasticity, Encoder, Harmonics, MitDrive, PositionServo
 
 ARM = arm()
@@ -35,10 +37,28 @@ def test_the_quietest_register_that_holds_is_proposed():
     assert trials[-1].register == 2
     assert trials[-1].left == trials[-1].of
     assert [trial.left for trial in trials[:2]] == [0, 0]
-    assert trials[0].chatter.mean() <= trials[1].chatter.mean()
+    assert trials[0].noise <= trials[1].noise
     # The search goes on above it.
     np.testing.assert_array_equal(tuning().law.rig.inner.gain, trials[0].inner.gain)
     assert f"chosen: {trials[0].register}" in str(tuning())
+
+
+def test_a_weak_joint_counts_like_a_strong_one(monkeypatch):
+    """Chatter in shares of the torques: those of the elbow are a fraction of those of the lift."""
+    few = SearchSettings(
+        inner_samples=4, validation_samples=4, rounds=((1, np.inf),), quieter_searches=0
+    )
+    monkeypatch.setattr("ctc.tuning.tune.SETTINGS", few)
+    monkeypatch.setattr("ctc.tuning.tune.families", lambda *some: families(*some)[:1])
+    options = {"within": 200, "samples": 4, "duration": 0.6, "progress": False}
+    inner = {"soft": servo(16), "stiff": servo(64)}
+    trials = tune(ARM, rig(), PATH, STATED, inner=inner, **options).inner
+    states = PATH(np.linspace(0, 0.6, 200))
+    torques = [ARM.inverse(*state) for state in zip(*states, strict=True)]
+    scale = np.sqrt(np.mean(np.square(torques), axis=0))
+    assert scale[0] > 2 * scale[1]
+    for trial in trials:
+        assert trial.rank == (0, pytest.approx((trial.chatter / scale).mean()))
 
 
 def test_the_integers_of_frames_stand_for_their_gains():

@@ -75,6 +75,42 @@ def test_same_seed_same_law_whatever_the_threads(monkeypatch, tmp_path):
     np.testing.assert_array_equal(one.trials[0].chatter, two.trials[0].chatter)
 
 
+@pytest.mark.parametrize("period", [RIG.period, 2e-3, 4e-3, 0.04])
+def test_a_search_begins_within_ranges_that_the_period_allows(period):
+    rig = dataclasses.replace(RIG, period=period)
+    for family in families(ARM, ARM, rig, PATH, VARIED):
+        bounds = np.array([*family.variables.values()])
+        assert (bounds[:, 0] < bounds[:, 1]).all(), family.name
+        assert family.variables["bandwidth"][1] <= 0.6 / period
+        for tuning in family.initial:
+            assert tuning.keys() == family.variables.keys()
+            values = np.array([*tuning.values()])
+            assert ((bounds[:, 0] <= values) & (values <= bounds[:, 1])).all(), (
+                family.name,
+                tuning,
+            )
+        # Each once, and not all of them at the upper end, where most loops are unstable.
+        assert len({tuple(tuning.values()) for tuning in family.initial}) == len(family.initial)
+        least = min(tuning["bandwidth"] for tuning in family.initial)
+        assert least < 0.7 * family.variables["bandwidth"][1]
+
+
+@pytest.mark.parametrize("period", [4e-3, 0.04])
+def test_every_controller_of_a_slow_loop_is_one_of_its_ranges(period, monkeypatch):
+    few = SearchSettings(rounds=((2, np.inf),), quieter_searches=0, validation_samples=10)
+    monkeypatch.setattr("ctc.tuning.tune.SETTINGS", few)
+    rig = dataclasses.replace(RIG, period=period)
+    stated = Uncertainty(plants=[ARM.f], friction=0.02)
+    options = {"within": 300, "samples": 10, "duration": 1.0, "progress": False}
+    tuning = tune(ARM, rig, PATH, stated, **options)
+    ranges = {family.name: family.variables for family in families(ARM, ARM, rig, PATH)}
+    for trial in tuning.trials:
+        for name, value in trial.numbers.items():
+            low, high = ranges[trial.family][name]
+            assert low * (1 - 1e-9) <= value <= high * (1 + 1e-9), (trial.family, name)
+    assert tuning.holds
+
+
 VARIED = ("dead_zone", "start_boost", "sliding_speed", "boost_error", "swing_distance")
 
 

@@ -10,6 +10,7 @@ import pytest
 from coupled_arm import PERIOD, arm_of, path_of, rig_of
 
 from identification import fit_torque
+from identification.equation_error.friction_trial import FrictionTrial, gain
 from plant import FrictionCurve
 
 RIG = rig_of(coulomb=(0.1, 0.08, 0.05), current_limit=(20.0,) * 3)
@@ -78,6 +79,10 @@ def test_the_kind_is_named_first(kind):
     assert first.kind == kind
     assert first.clear
     assert [kind in warning for warning in found.warnings].count(True) == 1
+    # The place is the warning's: another trial of the fit has the same advice for itself.
+    named = next(warning for warning in found.warnings if kind in warning)
+    assert named == f"{first.advice} (fit.friction[0])"
+    assert all("friction[0]" not in trial.advice for trial in found.friction)
 
 
 def test_offsets_are_fitted_where_there_is_evidence_of_them():
@@ -165,6 +170,38 @@ def test_joints_have_stribeck_speeds_of_their_own(monkeypatch):
     assert first.kind == "Stribeck"
     np.testing.assert_allclose(first.share, speeds, rtol=0.35)
     np.testing.assert_allclose(first.levels, 0.8 * COULOMB, rtol=0.25)
+
+
+def trial(kind, levels, share=(0.1, 0.1, 0.1)):
+    units = ("N m",) * 3
+    return FrictionTrial(
+        kind=kind, share=share, better=0.5, errors=9.0, levels=np.array(levels), units=units,
+        usual=USUAL,
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("kind", [kind for kind in KINDS if kind not in (None, "asymmetric")])
+def test_a_level_that_is_slightly_negative_becomes_none_at_all(kind):
+    got = trial(kind, [0.5, -0.1, 0.5]).drive(RIG.drive)
+    assert got == trial(kind, [0.5, 0.0, 0.5]).drive(RIG.drive)
+
+
+def test_a_joint_that_was_not_tried_keeps_a_level_that_does_not_rise():
+    drive = trial("rising", [5.0, np.nan, 5.0]).drive(RIG.drive)
+    assert drive.coulomb[1] == RIG.drive.coulomb[1]
+    np.testing.assert_array_equal(drive.curve.rise > 0, [True, False, True])
+
+
+def test_speeds_that_print_alike_are_one():
+    assert "at 10% of the usual speed:" in str(trial("Stribeck", COULOMB, (0.101, 0.102, 0.1)))
+
+
+def test_a_gain_is_relative_to_the_losses_of_its_own_blocks():
+    """A block that another fit cannot predict, here the loudest, counts on neither side."""
+    losses = np.array([1.0, 1.2, 100.0])
+    gains = np.array([0.5, 0.6, np.nan])
+    assert gain(losses, gains) == gain(losses[:2], gains[:2])
+    assert gain(np.ones(1), gains)[0] == pytest.approx(0.55)
 
 
 def test_what_a_drive_cannot_have_twice_is_refused():

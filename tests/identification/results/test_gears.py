@@ -11,7 +11,7 @@ from heavy_arm import DAMPING, RIG, SEEN, STIFFNESS, arm_of, bodies, other, run
 
 from identification import find_gears, identify
 from identification.equation_error.two_encoders import Deflections, fit_wound
-from plant import Elasticity, puma560, simulate
+from plant import Elasticity, LoggedTorque, Record, puma560, simulate
 
 ARM = arm_of(bodies())
 
@@ -112,6 +112,51 @@ def test_runs_that_differ_widen_the_interval_and_are_told():
     np.testing.assert_allclose(
         found.runs[0].stiffness[SEEN] / found.runs[1].stiffness[SEEN], 1.05 / 0.95, rtol=0.01
     )
+
+
+@pytest.mark.parametrize("off", [1e4, 1e7])
+def test_counts_without_weight_move_no_gear(off):
+    """Three tenths of a second of any counts: too long a gap for `bridged`."""
+    record = logs()[0]
+    valid = np.where((record.t > 2.0) & (record.t < 2.3), 0.0, 1.0)
+    spoilt = record.link_counts + off * (valid == 0)[:, None]
+    found, kept = (
+        find_gears(ARM, without(record, valid=valid, link_counts=counts))
+        for counts in (spoilt, record.link_counts)
+    )
+    np.testing.assert_array_equal(found.stiffness, kept.stiffness)
+    np.testing.assert_allclose(found.stiffness[SEEN], STIFFNESS[SEEN], rtol=0.005)
+
+
+def test_a_log_without_any_weight_is_refused_for_what_it_lacks():
+    with pytest.raises(ValueError, match="needs more equations"):
+        find_gears(ARM, without(logs()[0], valid=np.zeros(len(logs()[0]))))
+
+
+def test_a_log_at_rest_tells_nothing_and_takes_nothing_from_the_others():
+    arm, rig = puma560.literature_arm(1.5), puma560.rig()
+    gears = Elasticity.from_resonance(arm, 25, 0.02, drive=rig.drive)
+    rig = dataclasses.replace(
+        rig,
+        drive=dataclasses.replace(rig.drive, elasticity=gears),
+        encoder=dataclasses.replace(rig.encoder, side=("both", "motor")),
+    )
+    moving = simulate(arm, rig, puma560.p_law((0.1, 0.08)), puma560.reference())
+    first = np.zeros(len(moving), int)
+    q, rest = rig.cell_centre(moving.counts[0]), np.zeros(2)
+    still = Record(
+        t=moving.t,
+        error_pulses=-moving.counts[first],
+        link_counts=moving.link_counts[first],
+        torque=np.tile(arm.inverse(q, rest, rest), (len(moving), 1)),
+        rig=rig,
+        law=LoggedTorque(),
+    )
+    found = find_gears(arm, [moving, still], band=10.0)
+    alone = find_gears(arm, moving, band=10.0)
+    np.testing.assert_allclose(found.stiffness[0], alone.stiffness[0], rtol=1e-6)
+    assert np.isnan(found.runs[1].stiffness).all()
+    assert np.isnan(found.runs[1].high).all()
 
 
 @pytest.mark.parametrize(

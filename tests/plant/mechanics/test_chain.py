@@ -120,6 +120,14 @@ def test_placements_compose_and_invert():
     np.testing.assert_allclose(there_and_back.com, body.com, atol=1e-13)
 
 
+ROW = {"alpha": 0, "a": 1, "d": 0}
+
+
+def test_a_chain_of_one_row_takes_its_body_alone():
+    body = planar(1).bodies[0]
+    assert Chain.standard([ROW], bodies=body) == Chain.standard([ROW], bodies=(body,))
+
+
 BALL = (0.1, 0, 0, 0.1, 0, 0.1)
 
 
@@ -141,7 +149,11 @@ BALL = (0.1, 0, 0, 0.1, 0, 0.1)
         (lambda: Chain.standard([{"alpha": 0, "a": ".4", "d": 0}]), "a of row 0 must be a finite number"),
         (lambda: Link(name="1", alpha=90), "must be an angle in radians"),
         (lambda: planar(2).carrying(1.5), "body must be of type Body"),
-        (lambda: planar(2).carrying(Body(mass=1, com=(0, 0, 0)), link=7), "a name or a place below 2; got 7"),
+        (lambda: planar(2).carrying(Body(mass=1, com=(0, 0, 0)), link=7), "a name or a place from -2 to 1; got 7"),
+        (lambda: planar(2).carrying(Body(mass=1, com=(0, 0, 0)), link=-5), "a name or a place from -2 to 1; got -5"),
+        (lambda: planar(2).carrying(Body(mass=1, com=(0, 0, 0)), link=True), "a name or a place .*; got True"),
+        (lambda: Chain.standard([ROW, ROW], bodies=planar(1).bodies[0]), "bodies must be 2, one Body per link; got 1"),
+        (lambda: Chain.standard([ROW, ROW], bodies=(planar(1).bodies[0], None)), "bodies must be 2, .*; got one of type NoneType"),
         (lambda: planar(2).carrying(Body(mass=1, com=(0, 0, 0)), link="3"), "link must be one of '1', '2'"),
         (lambda: Chain(links=(Link(name="1"), Link(name="2")), bodies=planar(1).bodies[0]), "bodies must be 2"),
         (lambda: Placement(rotation=((1, 0, 0), (0, 1, 0), (0, 0, -1))), "must be a right-handed rotation"),

@@ -82,6 +82,16 @@ def test_given_axes_are_used_in_their_order_and_shape():
     assert plt.get_fignums() == [figure.number]
 
 
+@pytest.mark.parametrize("projection", ["rectilinear", "polar", "3d"])
+def test_axes_of_any_projection_are_dressed(projection):
+    axis = plt.subplots(subplot_kw={"projection": projection})[1]
+    assert dressed(axis, "title").get_title(loc="left") == "title"
+    axis.figure.canvas.draw()
+    if projection == "rectilinear":
+        seen = [side for side, spine in axis.spines.items() if spine.get_visible()]
+        assert sorted(seen) == ["bottom", "left"]
+
+
 def test_without_them_a_figure_is_made():
     axes = row_by_row(None, 2, 3, width=6)
     assert axes.shape == (2, 3)

@@ -4,6 +4,8 @@ import dataclasses
 import json
 import os
 import re
+from collections import OrderedDict, defaultdict
+from typing import NamedTuple
 
 import numpy as np
 import pytest
@@ -24,8 +26,11 @@ from plant import (
     part,
     puma560,
     simulate,
+    structure,
 )
-from plant.parts import files
+from plant.checkup.hypothesis import Rival
+from plant.parts import files, kinds
+from plant.parts.kinds import PARTS, kept
 from plant.parts.plain import from_plain, to_plain
 from plant.parts.saved import fingerprint, parsed, written
 
@@ -95,6 +100,70 @@ def test_the_containers_of_a_result_keep_their_types():
     assert repr(again) == repr(value)
     assert type(again["a"]) is np.float64
     assert np.signbit(through_text((-np.nan, -0.0))).all()
+
+
+@pytest.mark.parametrize(
+    ("value", "said"),
+    [
+        ({(0, 1): 1.0}, r"keys of a dictionary .*; got \(0, 1\)"),
+        ({None: 1.0}, "keys of a dictionary .*; got None"),
+        ({np.int64(1): 1.0}, "keys of a dictionary .*; got np.int64"),
+        (OrderedDict(a=1), "class of a dictionary .*; got 'OrderedDict'"),
+        (defaultdict(int, a=1), "class of a dictionary .*; got 'defaultdict'"),
+        (np.ma.array([1.0, 2.0], mask=[0, 1]), "class of an array .*; got 'MaskedArray'"),
+    ],
+)
+def test_what_would_not_come_back_is_refused_before_it_is_written(value, said):
+    with pytest.raises(ValueError, match=said):
+        to_plain(value)
+    # A comparison reads nothing back.
+    assert to_plain(value, compared=True)
+
+
+def test_an_array_on_a_disk_is_written_like_one_in_memory(tmp_path):
+    there = np.memmap(tmp_path / "numbers", dtype=float, mode="w+", shape=(2,))
+    assert to_plain(there) == to_plain(np.zeros(2))
+
+
+def test_a_number_beyond_float32_is_not_read_as_infinity():
+    for huge in (1e300, -1e300):
+        with pytest.raises(ValueError, match="float32 must hold numbers within its range"):
+            from_plain({"array": [1.0, huge], "dtype": "float32", "shape": [2]})
+    assert np.isinf(from_plain({"scalar": np.inf, "dtype": "float32"}))
+
+
+def test_an_older_file_gets_every_default_that_its_class_has(monkeypatch):
+    monkeypatch.setattr(kinds, "_RESULTS", {**kinds._RESULTS})
+
+    @kept
+    @dataclasses.dataclass(frozen=True)
+    class Older:
+        __module__ = "plant.tests"  # classes of a user are refused
+        values: tuple
+        further: dict = dataclasses.field(default_factory=dict)
+
+    plain = to_plain(Older((1.0,), {"a": 1}))
+    del plain["further"]
+    assert from_plain(plain) == Older((1.0,), {})
+    rival = Rival(name="sign", joints=(0,), size=1.0, log_odds=2.0, measurement="torque")
+    plain = to_plain(rival)
+    del plain["measurement"]
+    assert from_plain(plain) == rival._replace(measurement="")
+    del plain["size"]
+    with pytest.raises(ValueError, match="Rival must have the field 'size'"):
+        from_plain(plain)
+
+
+def test_no_class_that_a_file_names_has_a_field_called_kind(monkeypatch):
+    monkeypatch.setattr(kinds, "_RESULTS", {**kinds._RESULTS})
+    monkeypatch.setattr(kinds, "PARTS", {**PARTS})
+    with pytest.raises(ValueError, match="Trial must have no field 'kind'"):
+        kept(NamedTuple("Trial", [("kind", str)]))
+    with pytest.raises(ValueError, match="Named must have no field 'kind'"):
+
+        @part
+        class Named(Part):
+            kind: str = structure(str)
 
 
 def test_the_text_is_json_for_any_reader_and_a_row_of_numbers_is_a_line(path):
