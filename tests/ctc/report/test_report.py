@@ -109,12 +109,7 @@ def test_it_says_what_was_found(page, found):
 def test_warnings_come_first(found, tmp_path):
     doubtful = simulate(ARM, RIG, puma560.p_law(), PATH, duration=1.0)
     with pytest.warns(UserWarning, match="identified with"):
-        wrong = identify(
-            puma560.arm().dynamics,
-            _with_gain(doubtful, 1.5),
-            method="prediction_error",
-            progress=False,
-        )
+        wrong = identify(puma560.arm().dynamics, _with_gain(doubtful, 1.5), seed=1, progress=False)
     held = evaluate(
         wrong.arm, wrong.rig, ComputedTorque(wrong), PATH, backend="numba", duration=0.5
     )
