@@ -32,12 +32,14 @@ from plant import (
 
 def repeated(law, made_by):
     """A log of the paper's arm under a controller, as one that repeats its torque or current."""
-    made = simulate(puma560.arm(), puma560.rig(), made_by, puma560.reference(), duration=2.0)
+    made = simulate(puma560.arm(), puma560.rig(), made_by, puma560.reference(), duration=1.2)
     current = made.rig.drive.current(made.torque)
     return dataclasses.replace(made, law=law, current=current, true_q=None, true_qd=None)
 
 
-@pytest.mark.parametrize("law", [LoggedTorque(), LoggedCurrent()])
+@pytest.mark.parametrize(
+    "law", [LoggedTorque(), pytest.param(LoggedCurrent(), marks=pytest.mark.slow)]
+)
 def test_the_torque_of_a_loop_faster_than_its_log_is_found_to_be(law):
     """P of the paper is fast hardware: held, its torques made late and wrong arms."""
     found = identify(puma560.dynamics(), repeated(law, puma560.p_law()), progress=False)
@@ -84,7 +86,7 @@ def test_what_a_faster_loop_does_between_its_rows_is_no_finding():
         sine=((-0.2, 0.1), (0.0, 0.03)),
     )
     law = P(gain=(0.042, 0.0153))
-    made = simulate(dynamics.arm(dynamics.f()), rig, law, path, duration=4.0, steps_per_sample=64)
+    made = simulate(dynamics.arm(dynamics.f()), rig, law, path, duration=2.7, steps_per_sample=64)
     log = Record(
         t=made.t, error_pulses=-made.counts, torque=made.torque, rig=rig, law=LoggedTorque()
     )
@@ -104,7 +106,7 @@ def test_a_law_that_is_faster_than_its_log_is_not_judged_by_counts_between_rows(
         difference=8,
         period=rig.period / 4,
     )
-    log = simulate(puma560.arm(), rig, law, puma560.reference(), duration=3.65)
+    log = simulate(puma560.arm(), rig, law, puma560.reference(), duration=2.0)
     log = dataclasses.replace(log, true_q=None, true_qd=None)
     found = identify(puma560.dynamics(), log, progress=False)
     assert found.diagnostics.law_apart == (None,)
@@ -139,7 +141,7 @@ def slide_under_a_cascade():
         rig, Kp=40, Kv=(0.02, 0.02, 0.01), Tn=0.02, difference=1, period=rig.period / 4
     )
     arm = dynamics.arm(dynamics.f())
-    return arm, simulate(arm, rig, law, path, duration=1.5)
+    return arm, simulate(arm, rig, law, path, duration=1.0)
 
 
 def faster_than_its_log():
@@ -147,7 +149,7 @@ def faster_than_its_log():
     rig = dataclasses.replace(puma560.rig(), period=1e-3)
     law = PD(gain=(0.1, 0.075), derivative=(4e-4, 3e-4), filter=2000.0, period=rig.period / 4)
     arm = puma560.arm()
-    return arm, simulate(arm, rig, law, puma560.reference(), duration=2.0)
+    return arm, simulate(arm, rig, law, puma560.reference(), duration=1.2)
 
 
 @pytest.mark.parametrize(

@@ -50,7 +50,7 @@ def chain(bodies):
     return Chain(links=LINKS, bodies=bodies)
 
 
-def logged(amplitudes):
+def logged(amplitudes, duration=4.0):
     """The log of the true arm whose joints swing by these amplitudes [rad], and the torque of
     two speeds in step.
     """
@@ -74,7 +74,7 @@ def logged(amplitudes):
     waves = np.einsum("kij,il->klj", waves, np.asarray(amplitudes))
     path = Harmonics(period=4.0, offset=np.array([0.2, -0.8, 0.6]), cosine=waves[0], sine=waves[1])
     law = p_gains(truth, rig, path, peak=30 * every)
-    return simulate(truth, rig, law, path, duration=4.0, steps_per_sample=8)
+    return simulate(truth, rig, law, path, duration=duration, steps_per_sample=8)
 
 
 def found_of(record, **options):
@@ -89,7 +89,7 @@ def found_of(record, **options):
 @pytest.fixture(scope="module")
 def still():
     """The elbow is asked to move by some pulses."""
-    return found_of(logged(np.diag([0.8, 0.6, 1e-4])), prior=0.3)
+    return found_of(logged(np.diag([0.8, 0.6, 1e-4]), duration=3.0), prior=0.3)
 
 
 def torque_off(arm, joints):
@@ -200,7 +200,7 @@ def test_saved(still, tmp_path):
 def test_joints_in_step():
     """The elbow follows the shoulder: their parameters are told apart by the prior."""
     follows = np.array([[0.8, 0, 0], [0, 0.6, 0.6], [0, 0, 0]])
-    found, said = found_of(logged(follows), prior=0.3)
+    found, said = found_of(logged(follows, duration=2.0), prior=0.3)
     assert "joint shoulder (q[1]) and joint elbow (q[2]) move in step" in said[0]
     assert np.abs((found.f - found.arm.dynamics.f(BODIES)) / found.fit.std).max() < 3
     assert torque_off(found.arm, (0, 1, 2)).max() < 0.05
@@ -212,7 +212,9 @@ def test_a_contradicted_prior_is_said():
         dataclasses.replace(body, mass=body.mass / 2, inertia=body.inertia / 2) for body in BODIES
     )
     found, _ = found_of(
-        logged(np.diag([0.8, 0.6, 0.7])), prior=(half, 0.05), method="equation_error"
+        logged(np.diag([0.8, 0.6, 0.7]), duration=2.5),
+        prior=(half, 0.05),
+        method="equation_error",
     )
     (line,) = [line for line in found.warnings if "contradicts the prior" in line]
     assert "\n" not in line
@@ -232,7 +234,7 @@ def test_a_prior_that_holds_the_log_down_is_said_first():
 
 def test_by_default_the_model_s_bodies_fill_in_for_a_joint_that_stands_still(still):
     """The chain's own, to 0.3, to the bit; a chain without bodies is refused, with the way out."""
-    record = logged(np.diag([0.8, 0.6, 1e-4]))
+    record = logged(np.diag([0.8, 0.6, 1e-4]), duration=3.0)
     found, said = found_of(record)
     assert (found.f == still[0].f).all()
     assert found.fit.prior == still[0].fit.prior
@@ -247,7 +249,7 @@ def test_where_no_arm_follows_from_the_log_alone_the_model_s_bodies_help(amplitu
     """All joints move by some tenths of a degree, or one hunts about where it is held, which is
     said at once.
     """
-    found, said = found_of(logged(np.diag(amplitudes)))
+    found, said = found_of(logged(np.diag(amplitudes), duration=2.0))
     why = (
         "no arm follows from the log alone. From the prior"
         if all(amplitudes)

@@ -19,13 +19,24 @@ START = PATH(np.zeros(1)).q[0]
 HZ, RATIO = 60.0, 0.02
 
 
-@pytest.fixture(scope="module")
-def found():
-    """An elastic arm, taken for rigid."""
+def taken_for_rigid(duration):
+    """The identification of an elastic arm from a log of so many seconds."""
     gears = Elasticity.from_resonance(ARM, HZ, RATIO, drive=RIG.drive, q=START)
     rig = dataclasses.replace(RIG, drive=dataclasses.replace(RIG.drive, elasticity=gears))
-    log = simulate(ARM, rig, puma560.p_law(), PATH, steps_per_sample=16)
+    log = simulate(ARM, rig, puma560.p_law(), PATH, duration=duration, steps_per_sample=16)
     return identify(ARM.dynamics, dataclasses.replace(log, rig=RIG), seed=1, progress=False)
+
+
+@pytest.fixture(scope="module")
+def found():
+    """From as much as the values of the fits need."""
+    return taken_for_rigid(PATH.duration)
+
+
+@pytest.fixture(scope="module")
+def brief():
+    """For what is asked of any fits."""
+    return taken_for_rigid(1.5)
 
 
 @pytest.fixture(scope="module")
@@ -123,45 +134,45 @@ def results(certificate):
     ]
 
 
-def test_fits_are_made_once_for_a_range_and_change_no_bit(found, monkeypatch, capsys):
+def test_fits_are_made_once_for_a_range_and_change_no_bit(brief, monkeypatch, capsys):
     made, fit = [], fits_on_gears._on_gears
     monkeypatch.setattr(
         fits_on_gears, "_on_gears", lambda *given: made.append(given) or fit(*given)
     )
     monkeypatch.setattr(sys.stderr, "isatty", lambda: True)
     stated = {"resonance": (HZ, HZ), "damping_ratio": RATIO, "samples": 24, "duration": 0.1}
-    slow, fast = (ComputedTorque(found, bandwidth=bandwidth) for bandwidth in (40, 60))
+    slow, fast = (ComputedTorque(brief, bandwidth=bandwidth) for bandwidth in (40, 60))
 
-    certify(found, RIG, slow, PATH, **with_uncertainty(**stated))
+    certify(brief, RIG, slow, PATH, **with_uncertainty(**stated))
     assert len(made) == 2
     assert "fits on gears" in capsys.readouterr().err
-    kept = certify(found, RIG, fast, PATH, **with_uncertainty(**stated))
+    kept = certify(brief, RIG, fast, PATH, **with_uncertainty(**stated))
     assert len(made) == 2
     capsys.readouterr()
 
     monkeypatch.setattr(fits_on_gears, "_STORE", {})
     assert results(
-        certify(found, RIG, fast, PATH, **with_uncertainty(**stated, progress=False))
+        certify(brief, RIG, fast, PATH, **with_uncertainty(**stated, progress=False))
     ) == results(kept)
     assert len(made) == 4
     assert capsys.readouterr().err == ""
 
 
-def test_other_fits_are_made_where_anything_that_they_depend_on_differs(found, monkeypatch):
+def test_other_fits_are_made_where_anything_that_they_depend_on_differs(brief, monkeypatch):
     made = []
     monkeypatch.setattr(fits_on_gears, "_STORE", {})
     monkeypatch.setattr(fits_on_gears, "_on_gears", lambda *given: made.append(given))
-    usual, pair = (found, ((50.0, 50.0),), (0.02, 0.02), START), (50.0, 50.0)
-    other = dataclasses.replace(found, arm=found.arm.dynamics.arm(1.01 * found.f))
-    searched = dataclasses.replace(found.search, ranges=np.outer(found.f, (0.9, 1.1)))
+    usual, pair = (brief, ((50.0, 50.0),), (0.02, 0.02), START), (50.0, 50.0)
+    other = dataclasses.replace(brief, arm=brief.arm.dynamics.arm(1.01 * brief.f))
+    searched = dataclasses.replace(brief.search, ranges=np.outer(brief.f, (0.9, 1.1)))
     for given in (
         usual,
-        (found, ((50.0, 51.0),), *usual[2:]),
-        (found, (pair, pair), *usual[2:]),
+        (brief, ((50.0, 51.0),), *usual[2:]),
+        (brief, (pair, pair), *usual[2:]),
         (*usual[:2], (0.02, 0.03), START),
         (*usual[:3], START + 0.1),
         (other, *usual[1:]),
-        (dataclasses.replace(found, search=searched), *usual[1:]),
+        (dataclasses.replace(brief, search=searched), *usual[1:]),
     ):
         before = len(made)
         refits(*given)
@@ -171,11 +182,11 @@ def test_other_fits_are_made_where_anything_that_they_depend_on_differs(found, m
         assert len(made) == before
 
 
-def test_so_many_ranges_are_kept_and_no_more(found, monkeypatch):
+def test_so_many_ranges_are_kept_and_no_more(brief, monkeypatch):
     monkeypatch.setattr(fits_on_gears, "_STORE", {})
     monkeypatch.setattr(fits_on_gears, "_on_gears", lambda *given: None)
     for hz in range(20, 40):
-        refits(found, ((hz, hz),), (0.02, 0.02), START)
+        refits(brief, ((hz, hz),), (0.02, 0.02), START)
     (kept,) = fits_on_gears._STORE.values()
     assert len(kept) == fits_on_gears.SETTINGS.stored
 
@@ -188,14 +199,14 @@ def test_so_many_ranges_are_kept_and_no_more(found, monkeypatch):
         ({"resonance": [(50, 70)] * 3}, "resonance must be one pair, or 2; got 3"),
     ],
 )
-def test_what_no_rig_has_is_refused_before_anything_is_fitted(found, monkeypatch, stated, message):
+def test_what_no_rig_has_is_refused_before_anything_is_fitted(brief, monkeypatch, stated, message):
     fitted = []
     monkeypatch.setattr(fits_on_gears, "_on_gears", lambda *given: fitted.append(given))
     with pytest.raises(ValueError, match=message):
         certify(
-            found,
+            brief,
             RIG,
-            ComputedTorque(found, bandwidth=60),
+            ComputedTorque(brief, bandwidth=60),
             PATH,
             **with_uncertainty(samples=10, duration=0.1, **stated),
         )

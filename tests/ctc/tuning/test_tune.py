@@ -26,7 +26,7 @@ SHORT = {"duration": 0.4, "samples": 150, "progress": False}
 @pytest.fixture(scope="module")
 def tuning():
     with pytest.MonkeyPatch.context() as patch:
-        settings = SearchSettings(rounds=((6, np.inf), (4, 1.0)), validation_samples=200)
+        settings = SearchSettings(rounds=((4, np.inf), (2, 1.0)), validation_samples=100)
         patch.setattr("ctc.tuning.tune.SETTINGS", settings)
         return tune(ARM, RIG, PATH, **with_uncertainty(**STATED, **SHORT, seed=1))
 

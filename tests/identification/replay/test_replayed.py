@@ -185,7 +185,7 @@ def test_least_squares_is_compared_band_by_band():
     )
 
 
-@pytest.mark.parametrize("missing", [8, 60])
+@pytest.mark.parametrize("missing", [8, pytest.param(60, marks=pytest.mark.slow)])
 def test_a_gap_costs_its_samples_and_no_more(missing):
     """Across it the torque goes straight; after it the model finds the log again before it is
     compared.

@@ -19,10 +19,12 @@ PID_LAW = PID(
 )
 
 
-def log(law=None, **drive):
+def log(law=None, duration=None, **drive):
     """A robot whose drive has what is said; its record's rig states nothing of it."""
     rig = dataclasses.replace(RIG, drive=dataclasses.replace(RIG.drive, **drive))
-    made = simulate(ARM, rig, law or puma560.p_law((0.1, 0.08)), PATH, steps_per_sample=16)
+    made = simulate(
+        ARM, rig, law or puma560.p_law((0.1, 0.08)), PATH, duration=duration, steps_per_sample=16
+    )
     return dataclasses.replace(made, rig=RIG, true_q=None, true_qd=None)
 
 
@@ -48,7 +50,7 @@ def test_an_offset_becomes_one_of_the_curve():
 
 
 def test_a_lag_and_a_right_record():
-    (record,) = quick(log(current_lag=5e-5)).corrected
+    (record,) = quick(log(current_lag=5e-5, duration=2.0)).corrected
     assert record.rig.drive.current_lag.time == pytest.approx(5e-5, rel=0.3)
-    right = log()
+    right = log(duration=2.0)
     assert quick(right).corrected == (right,)

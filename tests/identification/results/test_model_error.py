@@ -3,6 +3,7 @@ that contradict a rig.
 """
 
 import dataclasses
+from functools import cache
 
 import numpy as np
 import pytest
@@ -110,11 +111,17 @@ def test_a_right_rig_is_counted_too_unless_it_is_exact():
     assert "take the rig for exact" in narrow.summary()
 
 
+@cache
+def default():
+    """With all tolerances and unknowns as they are by default."""
+    return identify(ARM.dynamics, log(), method="prediction_error", progress=False)
+
+
 def test_friction_that_is_unknown_is_not_friction_to_be_identified():
     """Its effect beside itself is a rounding error, and no deviation of 1e-12."""
     quick = {"method": "prediction_error", "progress": False}
     record = log()
-    stated = identify(ARM.dynamics, record, **quick).diagnostics.detection.friction
+    stated = default().diagnostics.detection.friction
     assert {name.partition("[")[0] for name in stated} == {"viscous", "coulomb"}
     assert min(stated.values()) > 1e-7
     some = identify(ARM.dynamics, record, unknown=["drive.coulomb[1]"], **quick)
@@ -127,14 +134,13 @@ def test_the_summary_says_how_much_of_the_intervals_are_tolerances():
     """Of tolerances that were stated it does not say that they are defaults."""
     quick = {"method": "prediction_error", "progress": False}
     record = log()
-    default = identify(ARM.dynamics, record, **quick)
-    shares = by_tolerances(default)
-    assert set(shares) == set(default.fit.unknown)
+    shares = by_tolerances(default())
+    assert set(shares) == set(default().fit.unknown)
     assert all(0 <= share <= 1 for share in shares.values())
     # A gear that is exact leaves less of every variance.
     exact = identify(ARM.dynamics, record, tolerances=Tolerances(gear=0.0), **quick)
     assert np.mean(list(by_tolerances(exact).values())) < np.mean(list(shares.values()))
-    assert "defaults" in counted(default)
+    assert "defaults" in counted(default())
     assert "defaults" not in counted(exact)
     none = identify(ARM.dynamics, record, tolerances=Tolerances.none(), **quick)
     assert "variance" not in counted(none)

@@ -47,11 +47,13 @@ def gears(hz, **options):
     return Elasticity.from_resonance(ARM, hz, 0.02, drive=RIG.drive, q=PATH([0.0]).q[0], **options)
 
 
-def log(gain=LOW, law=None, phase=(0.3, 0.6), **drive):
+def log(gain=LOW, law=None, phase=(0.3, 0.6), duration=None, **drive):
     """A robot whose drive has what is said; its record's rig states nothing of it."""
     encoder = dataclasses.replace(RIG.encoder, phase=Phase(shift=phase))
     rig = dataclasses.replace(RIG, drive=dataclasses.replace(RIG.drive, **drive), encoder=encoder)
-    made = simulate(ARM, rig, law or puma560.p_law(gain), PATH, steps_per_sample=16)
+    made = simulate(
+        ARM, rig, law or puma560.p_law(gain), PATH, duration=duration, steps_per_sample=16
+    )
     return dataclasses.replace(made, rig=RIG, true_q=None, true_qd=None)
 
 
@@ -107,7 +109,7 @@ def test_a_significant_test_is_made_again_at_finer_steps_before_anything_is_fitt
 
     monkeypatch.setattr(stepwise._Search, "point_at", moved)
     ripple = TorqueRipple(amplitude=0.2 * RIG.drive.coulomb, cycles=(6, 6), phase=(0.5, 1.0))
-    found = quick(log(ripple=ripple) if cogs else log())
+    found = quick(log(ripple=ripple, duration=2.0) if cogs else log(duration=2.0))
     assert steps == expected
     # The optimum of the model at coarse steps, and at fine ones also those with each cause.
     assert (weighed.count(4), 16 in weighed) == (1, cogs)
@@ -271,7 +273,8 @@ def test_wide_backlash_is_told_by_where_the_load_changes_sign():
 
 def test_friction_that_is_not_the_rigs_comes_with_its_values():
     """And is not taken for late counts, which look alike in a simulation."""
-    found = quick(log(**FRICTION))
+    record = log(**FRICTION, duration=2.0)
+    found = quick(record)
     detection = found.diagnostics.detection
     assert detection.names == ("friction",)
     named = detection.named[0].values
@@ -285,7 +288,7 @@ def test_friction_that_is_not_the_rigs_comes_with_its_values():
     assert any(text.startswith("friction is not the rig's") for text in found.warnings)
     assert not any("samples" in text for text in found.warnings)
     unknown = (*DYNAMICS.names, *(f"drive.{kind}[{i}]" for kind in FRICTION for i in range(2)))
-    assert quick(log(**FRICTION), unknown=unknown).diagnostics.detection.names == ()
+    assert quick(record, unknown=unknown).diagnostics.detection.names == ()
 
 
 @pytest.mark.slow
@@ -385,12 +388,14 @@ def test_weak_cogging_of_a_quick_motor_has_its_cycles():
     )
 
 
-@pytest.mark.parametrize("law", [None, pytest.param(PID_LAW, marks=pytest.mark.slow)])
-def test_friction_that_rises_towards_standstill_is_no_lag(law):
+@pytest.mark.parametrize(
+    ("law", "duration"), [(None, 2.0), pytest.param(PID_LAW, None, marks=pytest.mark.slow)]
+)
+def test_friction_that_rises_towards_standstill_is_no_lag(law, duration):
     rise = np.array((0.8, 0.5))
     usual = np.abs(RIG.drive.gear) * np.sqrt(np.mean(PATH(np.linspace(0, 3, 500)).qd ** 2, axis=0))
     curve = FrictionCurve(offset=(0, 0), breakaway=rise * RIG.drive.coulomb, speed=0.08 * usual)
-    detection = quick(log(law=law, curve=curve)).diagnostics.detection
+    detection = quick(log(law=law, curve=curve, duration=duration)).diagnostics.detection
     assert detection.names == ("breakaway",)
     sign, *_ = detection.named
     assert [*map(joint_of, sign.values)] == [0, 1]
@@ -516,7 +521,7 @@ def test_an_arm_of_mujoco_on_gears_of_60_hz_is_named_compliant():
 
     elasticity, start = gears(60), PATH([0.0]).q[0]
     hanging = start - ARM.h(start, np.zeros(2)) / elasticity.stiffness
-    record = p_loop(ARM, elasticity, np.array(LOW), hanging, PATH.duration, 25)
+    record = p_loop(ARM, elasticity, np.array(LOW), hanging, 2.0, 25)
     detection = quick(record).diagnostics.detection
     assert detection.names == ("compliance",)
     assert all(45 < value < 75 for value in detection.resonances.values())

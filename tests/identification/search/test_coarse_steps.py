@@ -9,7 +9,7 @@ from identification import identify
 from plant import Encoder, P, puma560, simulate
 
 
-@pytest.mark.parametrize("counts", [4, 16])
+@pytest.mark.parametrize("counts", [pytest.param(4, marks=pytest.mark.slow), 16])
 def test_a_fit_that_coarse_steps_bend_is_made_in_finer_ones(counts):
     """At 10 ms between samples 4 steps of the model put a value 27 deviations off, with no doubt.
 

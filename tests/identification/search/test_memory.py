@@ -29,9 +29,9 @@ LAWS = {
 
 
 @cache
-def log(name):
+def log(name, duration=2.2):
     """Without torque and current."""
-    record = simulate(ARM, RIG, LAWS[name], PATH, duration=2.2)
+    record = simulate(ARM, RIG, LAWS[name], PATH, duration=duration)
     return dataclasses.replace(record, torque=None, current=None, true_q=None, true_qd=None)
 
 
@@ -40,13 +40,17 @@ def error(found):
 
 
 @pytest.mark.parametrize(
-    "name", ["PID", *(pytest.param(name, marks=pytest.mark.slow) for name in LAWS if name != "PID")]
+    ("name", "duration"),
+    [
+        ("PID", 1.5),
+        *(pytest.param(name, 2.2, marks=pytest.mark.slow) for name in LAWS if name != "PID"),
+    ],
 )
-def test_f_from_the_tracking_error_of_a_log_that_was_cut(name):
+def test_f_from_the_tracking_error_of_a_log_that_was_cut(name, duration):
     """The law's state at the first sample is unknown: an integral, the disturbance of an
     observer.
     """
-    found = identify(ARM.dynamics, log(name).cut(0.437), progress=False)
+    found = identify(ARM.dynamics, log(name, duration).cut(0.437), progress=False)
     assert error(found) < 0.03
     assert found.fit.rms_innovation < 0.31
     assert found.law == LAWS[name]
@@ -59,10 +63,10 @@ def test_f_from_the_tracking_error_of_a_log_that_was_cut(name):
 @pytest.mark.parametrize("order", [1, pytest.param(-1, marks=pytest.mark.slow)])
 def test_logs_of_two_controllers_are_identified_together(order):
     """One has gains that may be wrong, and the other a state: neither has the other's numbers."""
-    p_log = simulate(ARM, RIG, puma560.p_law(), PATH, duration=2.2)
+    p_log = simulate(ARM, RIG, puma560.p_law(), PATH, duration=1.5)
     p_log = dataclasses.replace(p_log.cut(0.437), torque=None, current=None, reference=None)
     found = identify(
-        ARM.dynamics, [p_log, log("PID").cut(0.437)][::order], held_out=(), progress=False
+        ARM.dynamics, [p_log, log("PID", 1.5).cut(0.437)][::order], held_out=(), progress=False
     )
     assert error(found) < 0.03
     assert found.doubts == []

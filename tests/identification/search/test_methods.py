@@ -294,7 +294,8 @@ def test_a_log_under_computed_torque_repeats_its_torques(method):
 def test_fit_that_is_no_arm_of_this_rig_leaves_no_intervals():
     """Motors of three times the inertia: what the log shows is too light for them."""
     drive = dataclasses.replace(RIG.drive, motor_inertia=3 * RIG.drive.motor_inertia)
-    log = dataclasses.replace(measured(), rig=dataclasses.replace(RIG, drive=drive))
+    rig = dataclasses.replace(RIG, drive=drive)
+    log = dataclasses.replace(measured().cut(0.0, 1.5), rig=rig)
     result = identify(DYNAMICS, log, settings=TINY, progress=False)
     assert result.covariance is None
     assert result.fit.rms_innovation is None
@@ -363,7 +364,9 @@ def test_log_of_an_arm_that_stands_still_is_refused():
 
 def test_log_at_the_amplifiers_limit_is_refused():
     drive = dataclasses.replace(RIG.drive, current_limit=(2.0, 12.0))
-    weak = simulate(puma560.arm(), dataclasses.replace(RIG, drive=drive), puma560.p_law(), PATH)
+    weak = simulate(
+        puma560.arm(), dataclasses.replace(RIG, drive=drive), puma560.p_law(), PATH, duration=1.5
+    )
     with pytest.raises(
         ValueError,
         match=r"below the amplifier's limit; the motor of joint 2 \(q\[0\]\) is at it for",
@@ -381,7 +384,7 @@ def test_log_shorter_than_its_oscillation_is_refused():
 def test_log_of_another_rig_is_warned_about():
     """Ten times the dry friction: no f repeats these errors."""
     drive = dataclasses.replace(RIG.drive, coulomb=(1.2, 1.4))
-    other = dataclasses.replace(measured(), rig=dataclasses.replace(RIG, drive=drive))
+    other = dataclasses.replace(measured().cut(0.0, 1.5), rig=dataclasses.replace(RIG, drive=drive))
     result = identify(DYNAMICS, other, settings=TINY, progress=False)
     assert any("simulated and measured errors differ" in text for text in result.warnings)
     assert "warning: " in result.summary()

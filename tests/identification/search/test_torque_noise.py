@@ -1,6 +1,7 @@
 """Noise of a logged current: its size is estimated, and it is no defect of the model."""
 
 import dataclasses
+from functools import cache
 
 import numpy as np
 import pytest
@@ -17,9 +18,15 @@ from plant.simulation.law_run import run_law
 NOISE = 0.03  # of the current [A]: 0.3 % of its range
 
 
-def log(rig=RIG, law=None):
-    """Six seconds by another engine, whose current is known with noise; its law if stated."""
-    record = log_of(CHAIN, RIG, None, LAW, PATH, 6.0)
+@cache
+def exact(duration):
+    """The log of another engine, its torque without noise."""
+    return log_of(CHAIN, RIG, None, LAW, PATH, duration)
+
+
+def log(rig=RIG, law=None, duration=6.0):
+    """Seconds by another engine, whose current is known with noise; its law if stated."""
+    record = exact(duration)
     current = RIG.drive.current(record.torque)
     current = current + np.random.default_rng(1).normal(size=current.shape) * NOISE
     law = law or LoggedCurrent()
@@ -27,7 +34,7 @@ def log(rig=RIG, law=None):
 
 
 def test_noise_of_the_current_is_named_with_its_size_and_doubts_nothing():
-    estimate = identify(DYNAMICS, log(), progress=False)
+    estimate = identify(DYNAMICS, log(duration=3.0), progress=False)
     # It is far beyond rounding, and the fit says why.
     assert estimate.fit.rms_innovation > 0.45
     assert estimate.doubts == []
@@ -62,10 +69,12 @@ def test_noise_is_told_from_motion_jumps_and_another_law():
     assert right == pytest.approx((0.05, 0.2), rel=0.05)
 
 
-@pytest.mark.parametrize("begin", [0.0, pytest.param(0.83, marks=pytest.mark.slow)])
-def test_a_stated_law_gives_its_torque_without_the_noise(begin):
+@pytest.mark.parametrize(
+    ("begin", "duration"), [(0.0, 3.0), pytest.param(0.83, 6.0, marks=pytest.mark.slow)]
+)
+def test_a_stated_law_gives_its_torque_without_the_noise(begin, duration):
     """Repeated with its noise, the current left 0.5 pulses, and deviations twenty times as wide."""
-    record = log(law=LAW)
+    record = log(law=LAW, duration=duration)
     record = record.cut(begin) if begin else record
     estimate = identify(DYNAMICS, record, progress=False)
     assert estimate.doubts == []
@@ -84,13 +93,12 @@ def test_a_torque_that_is_not_the_laws_tells_no_state():
     wrong = dataclasses.replace(LAW, speed=1.05 * LAW.speed)
     assert told_by_torque(log(law=wrong)) is None
     # A column without noise is as good as the law, and better where the law is wrong.
-    assert told_by_torque(log_of(CHAIN, RIG, None, LAW, PATH, 2.0)) is None
+    assert told_by_torque(exact(2.0)) is None
 
 
 def test_a_noisy_torque_tells_the_integral_of_a_law_that_was_at_work():
     record, begin = log(law=LAW), 830
-    exact = dataclasses.replace(record, current=None)
-    states = run_law(along_log(exact)).states
+    states = run_law(along_log(dataclasses.replace(record, current=None))).states
     told, memory = told_by_torque(record.cut((begin - 0.5) * RIG.period))
     # The filters of the first samples are those of a motion on a line, and leave it a little.
     difference = run_law(told).states[FADED] - states[begin + FADED]
@@ -102,6 +110,6 @@ def test_a_noisy_torque_tells_the_integral_of_a_law_that_was_at_work():
 
 
 def test_chatter_of_a_stated_law_is_no_noise_of_its_torque():
-    exact = log_of(CHAIN, RIG, None, LAW, PATH, 2.0)
-    assert white_noise(exact.torque).item() > 1e-3 * np.std(exact.torque)
-    assert noise_of_torque(exact).item() < 1e-6 * np.std(exact.torque)
+    record = exact(2.0)
+    assert white_noise(record.torque).item() > 1e-3 * np.std(record.torque)
+    assert noise_of_torque(record).item() < 1e-6 * np.std(record.torque)

@@ -9,7 +9,7 @@ def test_a_joint_that_rests_ends_no_check():
     assert drawn(71).record.check().causes == ()
 
 
-SEEDS = [1, 19, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (11, 21, 26))]
+SEEDS = [19, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (1, 11, 21, 26))]
 
 
 @pytest.mark.parametrize("seed", SEEDS)

@@ -86,16 +86,19 @@ COUNTED = [name for name in LIES if name != "nan"]  # NaN is no int32_t
 )
 def test_it_does_what_python_does_whatever_happens(tmp_path, when):
     law = ComputedTorque(puma560.literature_arm(1.5), RIG, bandwidth=250.0)
-    start = np.array([0.3, -0.4]) if when == "rest" else PATH(np.zeros(1)).q[0]
-    speed = np.zeros(2) if when == "rest" else PATH(np.zeros(1)).qd[0]
-    first = RIG.counts(start)
+    # some of the samples before the lie, and as many after it as the last of the stops needs
+    first, last = BEGIN - 150, BEGIN + (320 if when == "motion" else 500)
+    begin = PATH(np.array([first * DT]))
+    start = np.array([0.3, -0.4]) if when == "rest" else begin.q[0]
+    speed = np.zeros(2) if when == "rest" else begin.qd[0]
+    counts = RIG.counts(start)
     stopped = set()
-    twin = InC(law.start(RIG, first), tmp_path / "c", first)
+    twin = InC(law.start(RIG, counts), tmp_path / "c", counts)
     for lie in (LIES[name] for name in COUNTED):
         robot = SteppedArm(puma560.literature_arm(lie.load), RIG, start, speed)
         running, seen = law.start(RIG, robot.pulses), [robot.pulses]
         twin.c.arm_init(twin.state.ctypes.data_as(ctypes.c_void_p), twin._counts(robot.pulses))
-        for k in range(BEGIN + 500):
+        for k in range(first, last):
             call = Spoilt(robot.pulses.astype(float), float(k - BEGIN))
             if lie.spoil is not None and k >= BEGIN:
                 lie.spoil(call, k - BEGIN, seen)
