@@ -338,7 +338,7 @@ def test_the_loop_in_mujoco_is_ours_within_a_pulse(driven, tmp_path, name, smoot
     )
     # a faster one makes more of a count that flips in one alone
     law = ComputedTorque(written.arm, rig, bandwidth=120)
-    ours = simulate(written.arm, rig, law, path, duration=0.9, steps_per_sample=steps)
+    ours = simulate(written.arm, rig, law, path, duration=0.5, steps_per_sample=steps)
     model = mujoco.MjModel.from_xml_path(str(tmp_path / "out.xml"))
     model.opt.timestep, model.opt.integrator = (
         rig.period / steps,
