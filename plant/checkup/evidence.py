@@ -19,6 +19,8 @@ from plant.checkup.undo import (
     counted_in_steps,
     gains_in_ampere,
     other_resolution,
+    scaled_counts,
+    scaled_reference,
 )
 from plant.laws.law import block_of
 from plant.parts.fields import Floats
@@ -33,6 +35,9 @@ _NEAR = 0.3
 # Scales that are tried beside that of the motion, in parts of the share of the speed that lags. The
 # torque tells a scale to about half of that share, so the steps are half as wide.
 _GRID = np.linspace(-1.5, 1.5, 13)
+
+# Scales nearer to one than this are not tried: a gear of 101 that is stated as 100 is far beyond.
+_COUNTED = 0.003
 
 # A loop that lags by a larger share shows no scale.
 _LAGS = 0.1
@@ -52,13 +57,13 @@ def _speeds(experiment, name):
 def slopes(experiment: Experiment, joints: Joints) -> tuple[float, ...]:
     """Scales of the counts to try: their speed over that of the reference, or near that."""
     followed, lag = _following(experiment, joints)
-    return _scales(experiment, joints, followed, lag)
+    return _scales(experiment, joints, scaled_counts, followed, lag)
 
 
 def inverse_slopes(experiment: Experiment, joints: Joints) -> tuple[float, ...]:
     """Scales of the reference to try: its speed over that of the counts, or near that."""
     followed, lag = _following(experiment, joints)
-    return _scales(experiment, joints, 1 / followed, lag)
+    return _scales(experiment, joints, scaled_reference, 1 / followed, lag)
 
 
 def _following(experiment, joints):
@@ -80,17 +85,21 @@ def _following(experiment, joints):
     return float(np.median(ratio[columns])), float(np.median(lag[columns]))
 
 
-def _scales(experiment, joints, followed, lag):
+def _scales(experiment, joints, undo, followed, lag):
     """The scale that the motion shows, or a grid about it where a law knows better.
 
     A loop that lags, or is soft, follows at another scale than one. The torque of a law shows the
     scale far better, but only near the true one.
     """
-    command = experiment.command
+    # A scaled column is one of whole counts, without the reference behind them. If the law gives
+    # the torque from such a column, the scale is right.
+    counted = experiment.changed(undo(experiment.record, joints, 1.0))
+    command = counted.command
     unlike = command is not None and (command[columns_of(joints)] > SETTINGS.unlike).any()
     if not unlike or lag > _LAGS or abs(followed - 1) > _NEAR:
         return _positive(followed)
-    return tuple(followed * (1 + lag * _GRID))
+    sizes = followed * (1 + lag * _GRID)
+    return tuple(sizes[np.abs(sizes - 1) > _COUNTED].tolist())
 
 
 def torque_ratios(experiment: Experiment, joints: Joints) -> tuple[float, ...]:
