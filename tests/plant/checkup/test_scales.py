@@ -5,7 +5,8 @@ import dataclasses
 import numpy as np
 import pytest
 
-from plant import PID, Harmonics, read_robot, simulate
+from ctc import ComputedTorque
+from plant import PID, Harmonics, puma560, read_robot, simulate
 
 PERIOD = 0.005
 ROBOT = read_robot("ur5e")
@@ -54,3 +55,16 @@ def test_a_gear_that_is_a_per_cent_off_is_named(record, joint, factor):
 
 def test_a_right_log_of_a_slow_clock_has_no_cause(record):
     assert record.check().causes == ()
+
+
+def test_a_wrong_gear_beside_whole_counts_is_no_scale_of_one():
+    """The log has its reference in counts; the path that is stated beside them is another one.
+
+    Without that path the law gives the torque, whatever the scale.
+    """
+    arm, rig, path = puma560.arm(), puma560.rig(), puma560.reference()
+    made = simulate(arm, rig, ComputedTorque(arm, rig), path, steps_per_sample=8)
+    gear = (1.0, 1.1) * rig.drive.gear
+    wrong = dataclasses.replace(rig, drive=dataclasses.replace(rig.drive, gear=gear))
+    stated = dataclasses.replace(made, rig=wrong, law=ComputedTorque(arm, rig))
+    assert not [cause for cause in stated.check().causes if cause.name.startswith("scale of")]
