@@ -56,14 +56,12 @@ def _speeds(experiment, name):
 
 def slopes(experiment: Experiment, joints: Joints) -> tuple[float, ...]:
     """Scales of the counts to try: their speed over that of the reference, or near that."""
-    followed, lag = _following(experiment, joints)
-    return _scales(experiment, joints, scaled_counts, followed, lag)
+    return _slopes(experiment, joints, scaled_counts)
 
 
 def inverse_slopes(experiment: Experiment, joints: Joints) -> tuple[float, ...]:
     """Scales of the reference to try: its speed over that of the counts, or near that."""
-    followed, lag = _following(experiment, joints)
-    return _scales(experiment, joints, scaled_reference, 1 / followed, lag)
+    return tuple(sorted(1 / slope for slope in _slopes(experiment, joints, scaled_reference)))
 
 
 def _following(experiment, joints):
@@ -85,20 +83,27 @@ def _following(experiment, joints):
     return float(np.median(ratio[columns])), float(np.median(lag[columns]))
 
 
-def _scales(experiment, joints, undo, followed, lag):
-    """The scale that the motion shows, or a grid about it where a law knows better.
+def _slopes(experiment, joints, undo):
+    """Speeds of the counts over that of the reference to try: one, or a grid where a law helps.
 
     A loop that lags, or is soft, follows at another scale than one. The torque of a law shows the
     scale far better, but only near the true one.
     """
+    slope, lag = _following(experiment, joints)
     # A scaled column is one of whole counts, without the reference behind them. If the law gives
     # the torque from such a column, the scale is right.
     counted = experiment.changed(undo(experiment.record, joints, 1.0))
     command = counted.command
     unlike = command is not None and (command[columns_of(joints)] > SETTINGS.unlike).any()
-    if not unlike or lag > _LAGS or abs(followed - 1) > _NEAR:
-        return _positive(followed)
-    sizes = followed * (1 + lag * _GRID)
+    if not unlike or lag > _LAGS or abs(slope - 1) > _NEAR:
+        return _positive(slope)
+    sizes = slope * (1 + lag * _GRID)
+    if len(joints) == 1:
+        # Most gears are whole numbers. A tight loop gives its torque at the true scale alone, which
+        # no grid meets.
+        gear = abs(float(experiment.record.rig.drive.gear[joints[0]]))
+        whole = np.arange(np.ceil(gear * sizes[0]), gear * sizes[-1])
+        sizes = np.union1d(sizes, whole / gear)
     return tuple(sizes[np.abs(sizes - 1) > _COUNTED].tolist())
 
 

@@ -241,7 +241,9 @@ class Cause(Shown):
         return f"{_power(self.log_odds)}{following}"
 
     def _short(self) -> str:
-        joints = f" of joint {', '.join(map(str, self.joints))}" if self.joints else ""
+        # As in labels of joints: "joint 1" could be the first or the second.
+        joints = ", ".join(f"q[{joint}]" for joint in dict.fromkeys(self.joints))
+        joints = f" of {joints}" if joints else ""
         # A switch, such as an exchange of columns, has a size without a unit: it says nothing.
         size = f" {self.size:.3g} {self.unit}".rstrip() if self.unit else ""
         return f"{self.name}{joints}{size}, odds {self.odds}"

@@ -104,7 +104,8 @@ class Trials:
         grid_of_sizes = len(sizes) > 1
         if grid_of_sizes:
             ends = sizes[max(best - 1, 0)], sizes[min(best + 1, len(sizes) - 1)]
-            options = {"xatol": 1e-3 * tolerance, "maxiter": 14}
+            # A law tells a scale within its grid to far less than its tolerance.
+            options = {"xatol": 1e-3 * min(tolerance, ends[1] - ends[0]), "maxiter": 14}
             result = minimize_scalar(
                 lambda size: -gain(size), bounds=ends, method="bounded", options=options
             )

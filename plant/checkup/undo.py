@@ -267,7 +267,14 @@ def scaled_counts(record: Any, joints: Joints, size: float) -> Any:
 def scaled_reference(record: Any, joints: Joints, size: float) -> Any:
     """Divide the reference by a factor."""
     _needs_reference(record)
-    pulses = np.round(record.reference_pulses / _factors(record, joints, size))
+    factors = _factors(record, joints, size)
+    pulses = np.round(record.reference_pulses / factors)
+    if record.reference is not None:
+        # The path behind the counts is rounded once, as the controller did; counts that are rounded
+        # again are a count off in many rows, which a tight loop feels.
+        path = record.rig.position_in_pulses(record.reference(record.t - record.t[0]).q)
+        once = record.rig.encoder.quantised(path / factors)
+        pulses = once if np.abs(once - pulses).max() <= 1 else pulses
     return with_reference(record, pulses)
 
 

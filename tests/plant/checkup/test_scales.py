@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from ctc import ComputedTorque
-from plant import PID, Harmonics, puma560, read_robot, simulate
+from plant import PID, Harmonics, P, Record, puma560, read_robot, simulate
 
 PERIOD = 0.005
 ROBOT = read_robot("ur5e")
@@ -51,6 +51,36 @@ def test_a_gear_that_is_a_per_cent_off_is_named(record, joint, factor):
     assert [(cause.name, cause.joints) for cause in causes] == [("scale of reference", (joint,))]
     assert causes[0].size == pytest.approx(factor, rel=2e-3)
     assert ROBOT.rig.joint_labels[joint] in causes[0].line
+
+
+@pytest.mark.parametrize(("law", "factor"), [("P", 0.97), ("PID", 1.02)])
+def test_a_tight_loop_shows_its_scale_and_nothing_else(law, factor):
+    """A reference that is a count off in some rows changes the torque of a tight loop wholly: the
+    path behind the reference is rounded once, and gears are whole numbers.
+    """
+    base = puma560.rig()
+    rig = dataclasses.replace(base, drive=dataclasses.replace(base.drive, gear=(100.0, 80.0)))
+    gain = np.array((0.1, 0.075))
+    laws = {
+        "P": P(gain=gain),
+        "PID": PID(
+            gain=gain, integral=4 * gain, derivative=4e-3 * gain, filter=1500.0, period=7e-4
+        ),
+    }
+    path = puma560.reference()
+    made = simulate(puma560.literature_arm(1.5), rig, laws[law], path, steps_per_sample=8)
+    wrong = with_gear(made, 1, factor)
+    angles = np.round(np.rad2deg(path(made.t).q), 6)
+    stated = Record.from_table(
+        {"t": made.t, "counts": made.counts, "deg": angles, "A": rig.drive.current(made.torque)},
+        rig=wrong.rig,
+        law=laws[law],
+        columns={"t": "t", "counts": "counts", "reference_position": "deg", "current": "A"},
+        units={"t": "s", "reference_position": "deg", "current": "A"},
+    )
+    causes = stated.check().causes
+    assert [(cause.name, cause.joints) for cause in causes] == [("scale of reference", (1,))]
+    assert causes[0].size == pytest.approx(factor, rel=1e-4)
 
 
 def test_a_right_log_of_a_slow_clock_has_no_cause(record):
