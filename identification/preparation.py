@@ -125,9 +125,9 @@ def _require_unsaturated(record, labels):
             correction = f"{misreading[0]} As it is, "
             advice = "Correct that first."
     raise ValueError(
-        f"{correction}a log must be below the amplifier's limit; the motor of {labels[motor]}"
-        f"{column_of(record, 'torque', motor)} is at it for {share[motor]:.0%} "
-        f"of the samples{reason}. {advice}"
+        f"{correction}a log must be below the amplifier's limit; by its law the motor of"
+        f" {labels[motor]}{column_of(record, 'torque', motor)} is at it for {share[motor]:.0%} of"
+        f" the samples{reason}. {advice}"
     )
 
 

@@ -10,7 +10,6 @@ fitted model with its records (`identify`). The selection is the same for both.
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from itertools import combinations
-from string import Formatter
 from typing import Any, Generic, NamedTuple, TypeVar
 
 import numpy as np
@@ -109,7 +108,8 @@ class Hypothesis(Generic[Experiment]):
     Raises
     ------
     ValueError
-        If the sentence or the remedy has a field that is not in `SENTENCE_FIELDS`.
+        If the sentence or the remedy has a field that is not in `SENTENCE_FIELDS`, or that cannot
+        be written so.
 
     See Also
     --------
@@ -149,14 +149,16 @@ class Hypothesis(Generic[Experiment]):
 
     def __post_init__(self) -> None:
         # Here, not when the mistake is reported: its author sees the error.
+        sample = dict.fromkeys(SENTENCE_FIELDS, "") | {"value": 1.5, "inverse": 1.5}
         for text in (self.sentence, self.remedy):
-            for _, name, _, _ in Formatter().parse(text):
-                if name is not None and name not in SENTENCE_FIELDS:
-                    raise ValueError(
-                        f"hypothesis {self.name!r}: expected fields among "
-                        f"{', '.join(SENTENCE_FIELDS)}; got {{{name}}} in {text!r}. "
-                        f"Use one of these fields, or write {{{{ and }}}} for braces."
-                    )
+            try:
+                text.format(**sample)
+            except (ValueError, LookupError, AttributeError) as error:
+                raise ValueError(
+                    f"hypothesis {self.name!r}: expected text with fields among"
+                    f" {', '.join(SENTENCE_FIELDS)}; got {text!r} ({error}). Use one of these"
+                    " fields, or write {{ and }} for braces."
+                ) from None
 
 
 class Candidate(NamedTuple):

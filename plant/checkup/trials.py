@@ -61,10 +61,6 @@ class Trials:
                     gain = max(gain, experiment.gain(undone, gain))
             odds = gain - hypothesis.against
             words = {**names, **_shift(size), "inverse": 1 / size if size else np.inf}
-            # A sentence that asks for another word fails here, where its row can be named.
-            (hypothesis.sentence + hypothesis.remedy).format(
-                joint="", other="", value=size, **words
-            )
             yield Candidate(hypothesis, joints, size, odds, partial(changed, size), words)
 
     def _scored(self, experiment, hypothesis, joints, changed):
@@ -186,7 +182,10 @@ def _shift(samples):
     option = ""
     # An export is late by whole rows.
     if samples > 0 and amount.isdigit():
-        option = f": torque_delay = {amount}, in the table [log] of the robot file"
+        option = (
+            f": torque_delay={amount} of Record.from_csv, or torque_delay = {amount} in the table"
+            " [log] of the robot file"
+        )
     return {"shift": f"{amount} {unit} {'late' if samples > 0 else 'early'}", "option": option}
 
 

@@ -363,7 +363,8 @@ class Cascade(Law):
             Tn=_of_joints("Tn", Tn, rig.n, finite=False),
         )
         # Under the drive's names, which the caller gave.
-        signs(gains, positive=("Kv", "Tn"), not_negative=("Kp",))
+        advice = "Give the gains of the drive's data sheet, and Tn in s."
+        signs(gains, positive=("Kv", "Tn"), not_negative=("Kp",), advice=advice)
         # Motor torque per motor speed [N m s/rad], then per pulses per second.
         torque = gains.Kv * _PER_RADIAN[speed_unit]
         torque = torque * (rig.drive.motor_gain if per_current else 1.0)

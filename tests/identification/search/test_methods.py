@@ -369,7 +369,7 @@ def test_log_at_the_amplifiers_limit_is_refused():
     )
     with pytest.raises(
         ValueError,
-        match=r"below the amplifier's limit; the motor of joint 2 \(q\[0\]\) is at it for",
+        match=r"below the amplifier's limit; by its law the motor of joint 2 \(q\[0\]\) is at it for",
     ):
         identify(DYNAMICS, weak, progress=False)
 
