@@ -14,6 +14,7 @@ from plant.machine.rig import Rig
 from plant.motion.reference import Reference
 from plant.parts.csv_rows import read_rows
 from plant.parts.fields import Floats
+from plant.parts.kinds import require_untagged
 from plant.parts.plain import from_plain
 
 # How a file of `write` begins, perhaps behind the mark of UTF-8 of the program that saved it last.
@@ -34,6 +35,9 @@ COLUMNS = {
 def write(record: Any, path: str | Path) -> None:
     """Write a record. Line 1 is ``#`` and a JSON object, line 2 names columns and units."""
     parts = {name: getattr(record, name) for name in ("rig", "law", "reference")}
+    for stated in parts.values():
+        if stated is not None:
+            require_untagged(type(stated))
     # "onepulse" holds the version of the format, which tells this format from later ones.
     header = {
         "onepulse": 1,

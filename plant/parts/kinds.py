@@ -38,8 +38,8 @@ def require_untagged(cls: type) -> None:
     """Refuse a class with a field `kind`: a description names the class itself by this key."""
     if "kind" in _names(cls):
         raise ValueError(
-            f"{cls.__name__} must have no field 'kind', by which a file names the class; it has"
-            " one. Rename it."
+            f"{cls.__name__} in a file must have no field 'kind', by which a file names the class;"
+            " it has one. Rename it."
         )
 
 

@@ -18,7 +18,7 @@ import numpy as np
 from plant.parts.arguments import array, instance, known_options, real
 from plant.parts.fields import ArrayOrSymbols, Floats
 from plant.parts.frozen import Frozen
-from plant.parts.kinds import PARTS, kind_of, require_untagged
+from plant.parts.kinds import PARTS, kind_of
 from plant.parts.saved import Saved
 
 T = TypeVar("T", bound="Part")
@@ -299,7 +299,7 @@ def part(cls: type[T]) -> type[T]:
     Raises
     ------
     ValueError
-        A class that lacks what its base declares, or that has a field called `kind`.
+        A class that lacks what its base declares.
 
     See Also
     --------
@@ -349,6 +349,5 @@ def part(cls: type[T]) -> type[T]:
         )
     cls.__abstractmethods__ = frozenset()  # type: ignore[attr-defined]  # a declared attribute may be a field
     # From now on files may name this class.
-    require_untagged(cls)
     PARTS[kind_of(cls)] = cls
     return known_options(cls)

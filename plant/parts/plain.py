@@ -21,6 +21,7 @@ from plant.parts.kinds import (
     field_names,
     kind_of,
     require_public,
+    require_untagged,
     source_of,
 )
 
@@ -59,6 +60,7 @@ def to_plain(value: Any, *, compared: bool = False) -> Any:
         # that code.
         if not compared:
             require_public(cls)
+            require_untagged(cls)
         elif described["kind"].split(".")[0] not in PACKAGES:
             described["source"] = source_of(cls)
         is_part = PARTS.get(described["kind"]) is cls
