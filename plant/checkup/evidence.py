@@ -100,10 +100,11 @@ def _slopes(experiment, joints, undo):
     sizes = slope * (1 + lag * _GRID)
     if len(joints) == 1:
         # Most gears are whole numbers. A tight loop gives its torque at the true scale alone, which
-        # no grid meets.
+        # no grid meets. A soft loop, or a gear in rad/m, has too many of them, and a grid will do.
         gear = abs(float(experiment.record.rig.drive.gear[joints[0]]))
-        whole = np.arange(np.ceil(gear * sizes[0]), gear * sizes[-1])
-        sizes = np.union1d(sizes, whole / gear)
+        first, end = np.ceil(gear * sizes[0]), gear * sizes[-1]
+        if end - first < len(_GRID):
+            sizes = np.union1d(sizes, np.arange(first, end) / gear)
     return tuple(sizes[np.abs(sizes - 1) > _COUNTED].tolist())
 
 
