@@ -27,7 +27,7 @@ from identification.search.methods import METHODS
 from identification.search.outcome import Outcome, Search
 from identification.search.problem import Problem, Tolerances
 from plant import Dynamics, Record
-from plant.checkup.hypothesis import Hypothesis
+from plant.checkup.hypothesis import Hypothesis, require_rows
 from plant.parts.arguments import instance, known_options
 from plant.parts.checkpoint import Checkpoint
 from plant.parts.messages import ProgressBar, progress_bar, warn
@@ -162,6 +162,7 @@ def identify(
     Source: paper 3.2, 3.7.
     """
     started = time.perf_counter()
+    hypotheses = require_rows(hypotheses)
     # Options of the model, which every method passes on to it.
     options = {"steps_per_sample": steps_per_sample, "sweeps": sweeps, "threads": threads}
     # Elastic gears change the records and the unknowns, so they come before all checks.

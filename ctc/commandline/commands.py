@@ -34,7 +34,7 @@ _COLUMNS = Path(__file__).with_name("columns.toml")
 _OF_FINDINGS = ("check", "joint", "value", "unit", "verdict", "advice")
 
 # The same of a cause in the ranked list.
-_OF_CAUSES = ("name", "joints", "size", "unit", "log_odds", "sentence", "remedy")
+_OF_CAUSES = ("name", "joints", "size", "unit", "log_odds", "sentence", "remedy", "behind")
 
 
 def run_demo(options: Namespace) -> Answer:

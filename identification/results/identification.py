@@ -290,10 +290,18 @@ class Identification(PredictsTorque, Shown, Saved, Frozen):
         """What contradicts the first record, its rig or its law, the likeliest first.
 
         Mistakes in columns, then in signs and gravity, whatever f is, or in their place those of
-        the user's own hypotheses; then effects that the rig does not model.
+        the user's own hypotheses; then effects that the rig does not model. Those were tested in
+        the log as it is: behind a mistake each may be its effect, and says so (`behind`).
         """
-        if self.own_causes:
-            return (*self.own_causes, *self.diagnostics.detection.causes)
+        mistakes = self.own_causes or self._mistakes
+        effects = self.diagnostics.detection.causes
+        if mistakes:
+            effects = tuple(dataclasses.replace(cause, behind=mistakes[0].name) for cause in effects)
+        return (*mistakes, *effects)
+
+    @property
+    def _mistakes(self) -> tuple[Cause, ...]:
+        """What is wrong with the first record, its rig or its law, whatever f is."""
         record = self.records[0]
         of_log: tuple[Cause, ...] = ()
         # A checkup takes time, and accuses no log that nothing else doubts.
@@ -301,8 +309,7 @@ class Identification(PredictsTorque, Shown, Saved, Frozen):
             checkup = record.check()
             of_log = tuple(cause for cause in checkup.causes if cause.line in self.warnings)
             record = checkup.corrected if of_log else record
-        stated = restated(self.arm.dynamics, record)
-        return (*of_log, *stated, *self.diagnostics.detection.causes)
+        return (*of_log, *restated(self.arm.dynamics, record))
 
     @property
     def corrected(self) -> tuple[Record, ...]:

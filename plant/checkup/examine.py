@@ -17,6 +17,7 @@ from plant.checkup.hypothesis import (
     SelectionSettings,
     columns_of,
     ranking,
+    require_rows,
 )
 from plant.checkup.lost_rows import MOST, all_bridged, lost_rows, repeats_bridged
 from plant.checkup.oscillation import oscillation_findings
@@ -193,6 +194,7 @@ def examine(record, hypotheses: Sequence[Hypothesis[Any]] = ()) -> Checkup:
 
     `hypotheses`: the user's own rows, tried in addition to those of `without_arm`.
     """
+    hypotheses = require_rows(hypotheses)
     labels = tuple(Signals(record).joint_labels)
     # A law that was made for another rig gives no torque: the other checks do without it.
     misfit = tuple[Finding, ...]()

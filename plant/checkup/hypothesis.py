@@ -109,7 +109,7 @@ class Hypothesis(Generic[Experiment]):
     ------
     ValueError
         If the sentence or the remedy has a field that is not in `SENTENCE_FIELDS`, or that cannot
-        be written so.
+        be written so; if `undo` or `scope` is not a function.
 
     See Also
     --------
@@ -149,6 +149,14 @@ class Hypothesis(Generic[Experiment]):
 
     def __post_init__(self) -> None:
         # Here, not when the mistake is reported: its author sees the error.
+        for field in ("undo", "scope", "suggested", "evidence"):
+            function = getattr(self, field)
+            # Only what a row can do without may be None.
+            if not callable(function) and (function is not None or field in ("undo", "scope")):
+                raise ValueError(
+                    f"hypothesis {self.name!r}: {field} must be a function; got {function!r:.60}."
+                    " `Hypothesis` lists what it takes and gives."
+                )
         sample = dict.fromkeys(SENTENCE_FIELDS, "") | {"value": 1.5, "inverse": 1.5}
         for text in (self.sentence, self.remedy):
             try:
@@ -159,6 +167,19 @@ class Hypothesis(Generic[Experiment]):
                     f" {', '.join(SENTENCE_FIELDS)}; got {text!r} ({error}). Use one of these"
                     " fields, or write {{ and }} for braces."
                 ) from None
+
+
+def require_rows(hypotheses: Any) -> tuple[Hypothesis[Any], ...]:
+    """The hypotheses as a tuple, or a refusal of what is no sequence of them."""
+    rows = hypotheses
+    if isinstance(hypotheses, Iterable):
+        rows = tuple(hypotheses)
+        if all(isinstance(row, Hypothesis) for row in rows):
+            return rows
+    raise ValueError(
+        f"hypotheses must be a sequence of Hypothesis; got {rows!r:.80}. Write a single one as"
+        " hypotheses=[mine]."
+    )
 
 
 class Candidate(NamedTuple):
@@ -220,6 +241,9 @@ class Cause(Shown):
         Name of the check whose finding shows the cause.
     certain : bool
         Whether its correction may be applied: no rival is a parameter of the model.
+    behind : str
+        Name of a mistake that the log still had when this cause was found, which may be an effect
+        of it; empty without one.
     """
 
     name: str
@@ -233,6 +257,7 @@ class Cause(Shown):
     runner_up: Rival | None = None
     check: str = ""
     certain: bool = True
+    behind: str = ""
 
     @property
     def odds(self) -> str:
@@ -248,7 +273,8 @@ class Cause(Shown):
         joints = f" of {joints}" if joints else ""
         # A switch, such as an exchange of columns, has a size without a unit: it says nothing.
         size = f" {self.size:.3g} {self.unit}".rstrip() if self.unit else ""
-        return f"{self.name}{joints}{size}, odds {self.odds}"
+        effect = f"; may be an effect of: {self.behind}" if self.behind else ""
+        return f"{self.name}{joints}{size}, odds {self.odds}{effect}"
 
     def _shown(self) -> Iterator[Piece]:
         yield Verdict(self._short(), good=False)

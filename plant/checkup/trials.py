@@ -43,6 +43,9 @@ class Trials:
     def _candidates(self, experiment, hypothesis, joints):
         def changed(size):
             record = hypothesis.undo(experiment.record, joints, size)
+            # A function of a user's own may change the log in place, or forget its `return`.
+            if not isinstance(record, type(experiment.record)):
+                raise ValueError(f"its undo must give a Record; got {record!r:.60}")
             if record == experiment.record:
                 self._note_failure(hypothesis, "changes nothing in this log")
             return experiment.changed(record)

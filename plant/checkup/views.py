@@ -247,7 +247,11 @@ def _explained(experiment, i):
 
 def _units(experiment, i):
     check = Check("units of torque", i, "rotor inertias")
-    if experiment.command is not None and experiment.command[i] < 0.1:
+    # Steps of a current from sample to sample are noise, which longer steps exceed.
+    unexplained = experiment.command
+    if experiment.slow_command is not None:
+        unexplained = np.minimum(unexplained, experiment.slow_command)
+    if unexplained is not None and unexplained[i] < _OF_LAW:
         return Check("units of torque", i, "of the law's").fine(abs(_law_slope(experiment, i)))
     size = _rotor_inertias(experiment, i)
     if size is None:
@@ -258,23 +262,30 @@ def _units(experiment, i):
         )
     motion = experiment.motions[i]
     # A motor that others move tells neither its inertia nor its friction.
-    if not motion.inertia > _CERTAIN * motion.inertia_std:
-        return check.fine(size)
-    if size > _HEAVY:
+    significant = motion.inertia > _CERTAIN * motion.inertia_std
+    if significant and size > _HEAVY:
         return check.look(
             size,
             f"Torque per acceleration is {size:.3g} times the rotor inertia:"
             f" {_likely_units(experiment)}.",
         )
-    friction = _friction(experiment, i, "coulomb")
+    friction = _friction(experiment, i, "coulomb") if significant else None
     if friction is not None and not 1 / _OTHER_UNIT < friction < _OTHER_UNIT:
         return Check("units of torque", i, "of the Coulomb friction").look(
             friction,
             f"Coulomb friction is {friction:.2g} of what the rig states: correct that if it"
             f" was a guess, or {_likely_units(experiment)}.",
         )
+    # Noise of a current hides the torque of a law as well as a wrong gain does.
+    if experiment.command is not None:
+        return check.unknown(
+            "a plausible inertia, but the stated law does not give the logged torque", size
+        )
     return check.fine(size)
 
+
+# Difference from the law's torque, as a share of both, below which a torque is the law's.
+_OF_LAW = 0.1
 
 # Torque per acceleration [rotor inertias] to look at: no arm is geared so badly.
 _HEAVY = 300.0

@@ -62,6 +62,7 @@ def test_what_follows_a_mistake_of_the_log_is_called_its_possible_effect():
     assert mistake == found.causes[0].line
     assert "effects" in effects
     assert others[0] == found.causes[1].line
+    assert [cause.behind for cause in found.causes][:2] == ["", "gravity direction"]
     assert effects not in found.doubts
     assert not any("effects" in line for line in wrong().warnings)
 

@@ -52,6 +52,19 @@ def test_gains_of_a_law_with_memory_are_named_by_steps_of_the_logged_torque(fact
     assert causes(wrong)[0] in ("gain", "torque scale")
 
 
+def test_a_torque_that_the_law_does_not_give_is_not_called_fine():
+    """Its inertia is plausible, which alone does not show that the columns belong together."""
+    gain = np.array((0.1, 0.08))
+    law = PID(gain=gain, integral=5 * gain, derivative=4e-3 * gain, filter=2e3, period=RIG.period)
+    log = simulate(puma560.literature_arm(0.7), RIG, law, puma560.reference(), duration=2.0)
+    noise = np.random.default_rng(1).normal(size=log.torque.shape)
+    torque = log.torque + 0.1 * np.ptp(log.torque, axis=0) * noise
+    noisy = dataclasses.replace(log, torque=torque, current=None)
+    for record, verdict in ((log, "fine"), (noisy, "cannot tell")):
+        units = [one for one in record.check().findings if one.check == "units of torque"]
+        assert {one.verdict.partition(":")[0] for one in units} == {verdict}
+
+
 def test_they_are_named_by_friction_where_no_torque_is_logged(record):
     alone = dataclasses.replace(
         record, torque=None, current=None, law=P(gain=puma560.p_law().gain / GAIN)

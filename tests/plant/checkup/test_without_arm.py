@@ -283,11 +283,15 @@ def test_hypotheses_that_fail_or_change_nothing_are_named_and_the_others_go_on(r
     def broken(record, joints, size):
         return record.no_such_field
 
+    def without_return(record, joints, size):
+        record.torque.copy()
+
     words = {"sentence": "Something is wrong", "remedy": "Look.", "scope": each_joint}
     own = [
         Hypothesis(name="nothing", undo=lambda record, joints, size: record, **words),
         Hypothesis(name="refused", undo=refuse, **words),
         Hypothesis(name="broken", undo=broken, **words),
+        Hypothesis(name="forgetful", undo=without_return, **words),
     ]
     checkup = with_torque(record, -record.torque).check(hypotheses=own)
     assert checkup.causes[0].name == "turned torque of all joints"
@@ -295,7 +299,29 @@ def test_hypotheses_that_fail_or_change_nothing_are_named_and_the_others_go_on(r
         "nothing",
         "refused",
         "broken",
+        "forgetful",
     ]
+    assert "undo" in checkup.failed[-1]
+
+
+WORDS = {"name": "mine", "sentence": "Something is wrong", "remedy": "Look."}
+
+
+@pytest.mark.parametrize(
+    ("field", "value"), [("undo", None), ("undo", "negate"), ("scope", "each_joint")]
+)
+def test_what_must_be_a_function_is_refused_by_its_field(field, value):
+    with pytest.raises(ValueError, match="mine") as error:
+        Hypothesis(**({"undo": lambda record, joints, size: record} | WORDS | {field: value}))
+    assert field in str(error.value)
+    assert repr(value) in str(error.value)
+
+
+@pytest.mark.parametrize("several", [False, True])
+def test_hypotheses_that_are_no_list_of_them_are_refused(record, several):
+    mine = Hypothesis(undo=lambda record, joints, size: record, **WORDS)
+    with pytest.raises(ValueError, match="hypotheses"):
+        record.check(hypotheses=["delay", mine] if several else mine)
 
 
 @pytest.mark.parametrize("field", ["{size:g}", "{value:d}", "{value", "{}", "{joint.name}"])
