@@ -50,7 +50,10 @@ LONGEST = (
 gc.set_threshold(50_000, 20, 50)
 
 
-def pytest_collection_modifyitems(items):
+def pytest_collection_modifyitems(config, items):
+    # Without workers the order of the command line stays.
+    if not hasattr(config, "workerinput"):
+        return
     place = {name: i for i, name in enumerate(LONGEST)}
     items.sort(key=lambda item: place.get(item.path.stem, len(place)))
 

@@ -2,13 +2,17 @@
 
     python tests/benchmarks/mutations.py --guards [--every 8]
     python tests/benchmarks/mutations.py --seeded 60 [--tree FOLDER] [--longest 600] [--jobs 2]
+    COVERAGE_FILE=ran python -m pytest -n 2 --cov=plant --cov=identification --cov=ctc \
+        --cov-context=test --cov-report= && \
+        python tests/benchmarks/mutations.py --seeded 60 --coverage ran
 
 The first changes every eighth comparison and sign of what guards and stops a running controller
 (plant/realtime). The second draws changes from all three packages, from each file as many as it has
 places on average; with --tree of another checkout. Each is made in a copy, and the tests of its
-room run until one fails, which must pass on the tree as it is: those are named by their file. A
-change of a kernel changes its text, and by that its name in the cache. Tests that do not end within
-`--longest` seconds show nothing: such changes are listed as "not ended", and do not count as
+room run until one fails, which must pass on the tree as it is: those are named by their file. With
+--coverage, which pytest-cov writes, only the tests run that ran the changed line, wherever they
+are. A change of a kernel changes its text, and by that its name in the cache. Tests that do not end
+within `--longest` seconds show nothing: such changes are listed as "not ended", and do not count as
 noticed.
 """
 
@@ -124,6 +128,45 @@ def rooms_of(tree, file):
     return [str(test.relative_to(tree)) for test in tests]
 
 
+def ran_by(tree, file, line, contexts):
+    """Tests that ran the statement of a line, those of its room first; of a statement that runs on
+    import all tests that ran anything of the file.
+    """
+    statements = [
+        node
+        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8")))
+        if isinstance(node, ast.stmt) and node.lineno <= line <= node.end_lineno
+    ]
+    innermost = max(statements, key=lambda node: node.lineno)
+    # A header ends where its body begins, which other tests may run.
+    body = getattr(innermost, "body", None)
+    end = body[0].lineno - 1 if body else innermost.end_lineno
+    lines = range(innermost.lineno, end + 1)
+    by_line = contexts(file.relative_to(tree).as_posix())
+    tests = {test for line in lines for test in by_line.get(line, ())} - {""}
+    if not tests:
+        tests = {test for found in by_line.values() for test in found} - {""}
+    files = {place: i for i, place in enumerate(rooms_of(tree, file))}
+    tests = {test.partition("|")[0] for test in tests}
+    return sorted(tests, key=lambda test: (files.get(test.partition("::")[0], len(files)), test))
+
+
+def contexts_of(coverage_file):
+    """A function that gives the tests that ran each line of a file, by its place in the tree."""
+    from coverage import CoverageData
+
+    data = CoverageData(basename=coverage_file)
+    data.read()
+    measured = data.measured_files()
+
+    def contexts(place):
+        # Measured in a checkout of the same commit, which may be elsewhere.
+        names = [name for name in measured if name.endswith(f"/{place}")]
+        return data.contexts_by_lineno(names[0]) if names else {}
+
+    return contexts
+
+
 def failing(copy, tests, longest):
     """The first of the tests that fails, "" if none does within so many seconds."""
     environment = {**os.environ, "PYTHONPATH": str(copy), "MPLBACKEND": "Agg"}
@@ -179,6 +222,7 @@ def main():
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--tree", type=Path, default=ROOT)
     parser.add_argument("--longest", type=int, default=600, help="of the tests of a room [s]")
+    parser.add_argument("--coverage", help="file of pytest-cov with contexts of tests")
     parser.add_argument("--jobs", type=int, default=2, help="changes at a time")
     chosen = parser.parse_args()
     tree = chosen.tree.resolve()
@@ -205,7 +249,12 @@ def main():
             for change in changes(file, ("comparison", "sign", "number", "index"))
         ]
         picked = random.Random(chosen.seed).sample(every, chosen.seeded)  # noqa: S311
-        picked = [(*change, rooms_of(tree, change[0])) for change in picked]
+        contexts = chosen.coverage and contexts_of(chosen.coverage)
+
+        def tests_of(file, line):
+            return (contexts and ran_by(tree, file, line, contexts)) or rooms_of(tree, file)
+
+        picked = [(*change, tests_of(*change[:2])) for change in picked]
     print(f"{len(picked)} of {len(every)} places in {len(files)} files", flush=True)
     with tempfile.TemporaryDirectory() as folder:
         copies = [Path(folder) / str(i) for i in range(chosen.jobs)]
