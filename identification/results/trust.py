@@ -44,8 +44,8 @@ class WarningSettings:
         RMS innovation [pulses] that rounding, 0.29 alone, does not explain; right logs of 27 robots
         have 0.35 at most (``healthy.py``).
     noise : float
-        Innovations up to this multiple of those that the noise of a repeated torque causes are
-        explained by the noise. The size of the noise is known to a few per cent.
+        Innovations up to this multiple of those that the noise of a repeated torque causes, or the
+        rounding of counts that a loop feels, are explained by it. Both are known to a few per cent.
     between : float
         The same factor where the loop is faster than the log, so that the log has only some samples
         of the torque. Right logs of two arms reach 1.6 (fast starts, creeping joints and fine
@@ -353,7 +353,7 @@ def _innovations(case):
         for record in result.records
     )
     factor = SETTINGS.between if sampled else SETTINGS.noise
-    rounding = max(SETTINGS.innovation, result.fit.rounding_innovation)
+    rounding = max(SETTINGS.innovation, SETTINGS.noise * result.fit.rounding_innovation)
     expected = np.hypot(rounding, factor * result.fit.noise_innovation)
     if rms is not None and rms > SETTINGS.innovation and simulated and case.replayed:
         yield (

@@ -78,6 +78,18 @@ def test_what_is_significant_and_not_named_asks_for_what_was_stated():
     assert "significant, but explaining next to nothing: gear (are lengths and rig right?)" in said
 
 
+@pytest.mark.parametrize(
+    ("rms", "of_rounding", "doubted"), [(0.44, 0, 1), (0.44, 0.42, 0), (0.5, 0.42, 1)]
+)
+def test_innovations_that_rounding_explains_but_for_its_scatter_are_no_doubt(
+    rms, of_rounding, doubted
+):
+    """A slow clock feels its counts: a right log of 10 ms had 0.432 pulses, simulated ones 0.422."""
+    fit = dataclasses.replace(right().fit, rms_innovation=rms, rounding_innovation=of_rounding)
+    found = dataclasses.replace(right(), fit=fit)
+    assert any(f"{rms:.2f} pulses" in line for line in found.doubts) == bool(doubted)
+
+
 @pytest.mark.slow
 def test_a_result_in_doubt_says_so_in_its_repr():
     assert f"{len(wrong().warnings)} warning" in repr(wrong())
