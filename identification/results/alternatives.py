@@ -150,7 +150,8 @@ class ArmHypothesis:
     falling : bool
         Whether `convert` gives a small number for a large effect.
     shown : callable
-        ``shown(sign)`` gives the sizes that a message has, by name.
+        ``shown(sign)`` gives the sizes that a message has, by name; by default those that are
+        `detectable`.
     test : callable
         ``test(hypothesis, point)`` yields the `Sign` of a `Point`.
     refit : callable, optional
@@ -186,7 +187,7 @@ class ArmHypothesis:
     gears: bool = False
     shares: bool = False
     falling: bool = False
-    shown: Callable[["Sign"], dict[str, float]] = lambda sign: sign.values
+    shown: Callable[["Sign"], dict[str, float]] = lambda sign: sign.detectable
     test: Callable[..., Iterator["Sign"]] | None = None
     refit: Callable[..., Any] | None = None
 
@@ -295,6 +296,16 @@ class Sign(Shown, Frozen):
     rivals: tuple[str, ...] = ()
     absorbing: tuple[str, ...] = ()
     others: tuple[tuple[str, float], ...] = ()
+
+    @property
+    def detectable(self) -> dict[str, float]:
+        """The values that this log shows, without joints whose value is noise; else all."""
+        shown = {
+            name: value
+            for name, value in self.values.items()
+            if abs(value) > self.visible.get(name, 0.0)
+        }
+        return shown or self.values
 
     @property
     def log_odds(self) -> float:

@@ -261,8 +261,13 @@ class Detection(Shown, Frozen):
             kind = name.partition("[")[0]
             stated = self.stated.get(name, 0.0)
             unit, convert = self._scale(hypothesis, name)
+            per = numbers[kind].unit if kind in numbers else ""
+            size = convert(value)
+            if hypothesis.shares:
+                # Of what the rig states as zero there is no share.
+                size, unit = (convert(value / stated), unit) if stated else (value, per)
             yield {
-                "size": convert(value),
+                "size": size,
                 "distance": abs(value),
                 "late": "late" if value > 0 else "early",
                 "unit": unit,
@@ -272,7 +277,7 @@ class Detection(Shown, Frozen):
                 "cycles": "".join(filter(str.isdigit, kind)),
                 "stated": stated,
                 "total": stated + value,  # fitted values are deviations from the stated ones
-                "per": numbers[kind].unit if kind in numbers else "",
+                "per": per,
             }
 
     def _visible(self, sign: Sign) -> str:

@@ -296,7 +296,8 @@ class Identification(PredictsTorque, Shown, Saved, Frozen):
         mistakes = self.own_causes or self._mistakes
         effects = self.diagnostics.detection.causes
         if mistakes:
-            effects = tuple(dataclasses.replace(cause, behind=mistakes[0].name) for cause in effects)
+            behind = mistakes[0].name
+            effects = tuple(dataclasses.replace(effect, behind=behind) for effect in effects)
         return (*mistakes, *effects)
 
     @property

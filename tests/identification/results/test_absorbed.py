@@ -80,3 +80,40 @@ def test_cogging_of_which_the_log_tells_one_phase_alone_has_the_amplitude_of_tha
     (cause,) = Detection(named=(sign,), joints=("slide", "swing")).causes
     assert cause.size == pytest.approx(0.5)
     assert cause.joints == (0, 1)
+
+
+def test_a_cause_names_the_joints_that_the_log_shows():
+    """Friction of all joints is estimated together; a value that is noise accuses no joint."""
+    sign = Sign(
+        name="gear",
+        chi_square=99.0,
+        freedom=3,
+        threshold=25.0,
+        explained=9.0,
+        values={"gear[0]": 1e-5, "gear[1]": -0.05, "gear[2]": 2e-4},
+        visible={"gear[0]": 1e-3, "gear[1]": 1e-3, "gear[2]": 1e-3},
+    )
+    joints = ("waist", "shoulder", "elbow")
+    (cause,) = Detection(named=(sign,), joints=joints).causes
+    assert (cause.joints, cause.size) == ((1,), pytest.approx(-5.0))
+    assert "shoulder" in cause.sentence
+    assert "waist" not in cause.sentence
+    # Where no value alone is beyond its limit, all of them together are the finding.
+    unclear = dataclasses.replace(sign, visible=dict.fromkeys(sign.values, 1.0))
+    assert Detection(named=(unclear,), joints=joints).causes[0].joints == (0, 1, 2)
+
+
+@pytest.mark.parametrize(("stated", "size", "unit"), [(0.2, 50.0, "%"), (0.0, 0.1, "N m")])
+def test_friction_has_the_size_of_a_share_of_what_is_stated(stated, size, unit):
+    sign = Sign(
+        name="friction",
+        chi_square=99.0,
+        freedom=1,
+        threshold=25.0,
+        explained=9.0,
+        values={"coulomb[0]": 0.1},
+        visible={"coulomb[0]": 0.01},
+    )
+    detection = Detection(named=(sign,), joints=("waist",), stated={"coulomb[0]": stated})
+    (cause,) = detection.causes
+    assert (cause.size, cause.unit) == (pytest.approx(size), unit)
