@@ -43,13 +43,13 @@ class Certificate(Certified):
         Limit [pulses].
     confidence : float
     settings : dict
-        ``steps_per_sample``, ``duration`` and ``after``.
+        Among others ``steps_per_sample``, ``duration``, ``after`` and ``law_steps``.
     threads : int
     seconds : float
         Duration of the runs.
     seen : Seen or None
-        Gears that the logs would have shown, and where the path exceeds the logs; None for an arm
-        that was not identified.
+        What the logs would show of gears and of friction, and where the path exceeds the logs;
+        None for an arm that was not identified.
     rare : Rare or None
         Result of ``certify(..., rare=)``.
     versions : dict
@@ -91,12 +91,10 @@ class Certificate(Certified):
         if self.plants.rig.drive.elasticity is not None:
             return None
         # The lowest stated damping ratio: light damping is the harder case.
-        ratio, _ = self.plants.uncertainty.damping_ratio or (0.0, 0.0)
+        ratio, _ = self.plants.uncertainty.damping_ratio or (DAMPING_RATIO, DAMPING_RATIO)
         # On elastic gears the start does not count, whatever `after` was on these rigid ones.
         begins = max(SETTLED, self.settings["after"])
-        return lowest_resonance(
-            *self._loop, float(ratio or DAMPING_RATIO), begins, self.threads, None
-        )
+        return lowest_resonance(*self._loop, float(ratio), begins, self.threads, None)
 
     @functools.cached_property
     def from_rest(self) -> FromRest | None:
@@ -108,10 +106,10 @@ class Certificate(Certified):
 
     @functools.cached_property
     def by_counts(self) -> NDArray[np.float64]:
-        """Largest error before rounding (n,) [pulses] where f and start are the controller's own.
+        """Largest unrounded error (n,) [pulses] of a plant with the controller's own f and start.
 
-        This part is due to rounding, the remaining part to uncertain f. Infinite where that loop
-        diverges.
+        The encoder's rounding causes this part of the error, and uncertain f causes the rest.
+        The values are infinite if this loop diverges.
         """
         arm, rig, law, path, _, duration, steps = self._loop
         with warnings.catch_warnings():
@@ -129,15 +127,17 @@ class Certificate(Certified):
                 )
             except DivergenceError:
                 return np.full(rig.n, np.inf)
-        # The error has a row for each sub-step; a rounding error must not drop the instant itself.
+        # The error has one row per sub-step. The margin keeps the sample at `after` in spite of
+        # floating-point rounding.
         begins = steps * math.ceil(self.settings["after"] / rig.period - 1e-9)
         return np.asarray(np.abs(evaluation.true_error_pulses[begins:]).max(axis=0))
 
     @functools.cached_property
     def friction_known(self) -> float | None:
-        """Share of 400 samples that exceed the limit with friction identified from the log.
+        """Share of samples that exceed the limit with friction identified from the log.
 
-        None where all sampled friction was identified, or there is no log.
+        It is a share of the first 400 samples, or of all if there are fewer. It is None if there is
+        no log, or if no sampled friction is left to identify.
         """
         # An arm without a log has no deviations of friction.
         deviations = {} if self.seen is None else self.seen.friction
@@ -160,7 +160,7 @@ class Certificate(Certified):
         return float((runs.outside > 0).mean())
 
     def run(self, plants: Plants, law: Law | None = None) -> Runs:
-        """Runs of other samples, or under another controller, with the settings of this one."""
+        """Run other samples, or another controller, with the settings of this certificate."""
         # `settings` also has entries that are no options of a population.
         options = {name: self.settings[name] for name in ("steps_per_sample", "duration", "after")}
         law = self.law if law is None else law
@@ -170,7 +170,8 @@ class Certificate(Certified):
     def _loop(self) -> Any:
         """Arguments of the nominal loop, in the order of an `Evaluation`.
 
-        Arm, rig, law, reference, limit, duration in whole periods, and steps per sample.
+        They are arm, rig, law, reference, limit, duration [s] rounded up to whole periods, and
+        steps per sample.
         """
         # Without the offsets that are sampled about zero: they belong to the samples.
         rig = self.plants.nominal
@@ -187,10 +188,10 @@ class Certificate(Certified):
 
     @property
     def holds(self) -> bool:
-        """Whether all samples keep the limit, also from rest, and failures are rare enough.
+        """Whether all samples, and the nominal arm from rest, keep the limit, and `rare` is met.
 
         False if a sample exceeds the limit, if the nominal arm does so from rest, or if failures
-        are more frequent than `rare` requires.
+        are more frequent than `rare` allows.
         """
         # The count of failures first: it is known, the run from rest is a simulation.
         return (
@@ -240,19 +241,20 @@ class Certificate(Certified):
 
     @known_options
     def reserves(self, *, samples: int | None = None, allowed: float = 0.0) -> Reserves:
-        """Lowest bandwidth and longest period at which a share `allowed` of `samples` may fail.
+        """Lowest bandwidth and longest period at which at most a share `allowed` of samples fails.
 
-        The first 400 samples by default, or all where there are fewer.
+        Only the first `samples` are run: by default 400, or all if there are fewer.
         """
         return reserves(self, samples, allowed)
 
     @known_options
     def from_hold(self, *, samples: int | None = None) -> Any:
-        """The certificate of the first `samples` (400, or all) that start from a hold.
+        """Certificate of the first `samples` (by default 400, or all if fewer), begun from a hold.
 
-        The disturbance torque of the controller is then the torque that its model lacks at rest,
-        and static friction carries any share from -1 to 1 of each joint's Coulomb level, uniform.
-        Without it samples begin as at the release of a brake, with no disturbance torque.
+        In a hold, the disturbance torque of the controller is the torque that its model lacks at
+        rest, and static friction carries a share of each joint's Coulomb level, drawn uniformly
+        from -1 to 1. Without a hold, samples begin as at the release of a brake, with no
+        disturbance torque.
 
         Raises
         ------

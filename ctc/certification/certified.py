@@ -46,7 +46,7 @@ def clopper_pearson(failures: int, samples: int, confidence: float = 0.95) -> tu
 
 @frozen_settings
 class CertifiedSettings:
-    """Numbers of the cells of resonance and of the sensitivities, all chosen by hand.
+    """Settings of the resonance cells and of the sensitivities, all chosen by hand.
 
     Parameters
     ----------
@@ -55,13 +55,13 @@ class CertifiedSettings:
     damping_cells : int
         Cells in the range of the damping ratio.
     groups : int
-        Groups of loops, cut by one number, at most.
+        Largest number of groups into which one number cuts the loops.
     loops_per_group : int
-        Loops that a group must have.
+        Least mean number of loops per group; fewer loops make fewer groups.
     negligible_share : float
         Share of the variance below which a number has no direction.
     clear_direction : float
-        Rank correlation above which a number has one direction.
+        Magnitude of the rank correlation above which a number has one direction.
     """
 
     # Cells of the stated resonances
@@ -117,12 +117,12 @@ def cells(
     values: Floats,
     outside: NDArray[np.bool_],
 ) -> list[Cell]:
-    """Cells of at most 10 % in the ranges of resonance and damping.
+    """Cells of resonance and damping: at most 10 % wide in resonance, a few equal parts in damping.
 
     If several ranges of resonance are stated, each joint has its own cells.
 
-    Names (K) and values (P, K) are those of the plants that vary; plants `outside` (P,) exceed the
-    limit.
+    `names` (K) are the numbers that vary among the plants, and `values` (P, K) their values. The
+    mask `outside` (P,) marks the plants that exceed the limit.
     """
     result = []
     pairs = ranges.resonance or ()
@@ -164,7 +164,8 @@ def _interval(names: tuple[str, ...], values: Floats, name: str, edges: Any) -> 
 class Influence(NamedTuple):
     """Sensitivity to one number.
 
-    `share`: of the variance that it explains (0 to 1). `direction`: rank correlation.
+    `share`: part of the variance of the ranked peaks that the number explains (0 to 1).
+    `direction`: rank correlation of the number and the peaks.
     """
 
     name: str
@@ -176,9 +177,9 @@ class Influence(NamedTuple):
 
     @property
     def sense(self) -> str:
-        """Direction in which the peak error grows with the number.
+        """Change of the peak error as the number grows: increasing, decreasing or either way.
 
-        Empty if the share of the variance is negligible.
+        The text is empty if the share of the variance is negligible.
         """
         if self.share < SETTINGS.negligible_share:
             return ""
@@ -214,15 +215,17 @@ def influences(names: Sequence[str], values: Floats, peaks: Floats) -> list[Infl
         means = np.bincount(group, weights=ranks, minlength=groups) / np.maximum(size, 1)
         between = (size * (means - ranks.mean()) ** 2).sum() / total
         # 3. Groups cut at random lie apart, too: the part expected by chance is taken off.
-        share = 1 - (1 - between) * (count - 1) / (count - groups)
-        direction = np.corrcoef(column_ranks, ranks)[0, 1]
+        share = 1 - (1 - between) * (count - 1) / (count - np.count_nonzero(size))
+        # A number that does not vary has no direction.
+        varies = np.ptp(column_ranks) > 0
+        direction = np.corrcoef(column_ranks, ranks)[0, 1] if varies else 0.0
         result.append(Influence(name, max(0.0, float(share)), float(direction)))
     # Correlated numbers share their part, so the shares need not sum to one.
     return sorted(result, key=lambda influence: -influence.share)
 
 
 class _WithRuns:
-    """Fields of one path's certificate, which a set of motions computes from its motions."""
+    """Attributes that the certificate of one path stores, and that of a set of motions computes."""
 
     runs: Runs
     settings: dict[str, Any]
@@ -230,9 +233,9 @@ class _WithRuns:
 
 @frozen
 class Certified(_WithRuns, Shown, Saved, Frozen):
-    """Base of both certificates: `plants` under `law`, with ``runs``.
+    """Base of both certificates: the simulated ``runs`` of the `plants` under the `law`.
 
-    In a set, a sample exceeds the limit if it does in any motion.
+    In a set of motions, a sample exceeds the limit if it does so in any motion.
     """
 
     law: Law
@@ -245,7 +248,7 @@ class Certified(_WithRuns, Shown, Saved, Frozen):
     versions: dict[str, str] = dataclasses.field(compare=False, default_factory=versions)
 
     def provenance(self) -> dict[str, Any]:
-        """The seed of the samples, and the versions that made it."""
+        """The seed of the samples, and the software versions that made the certificate."""
         return {"versions": dict(self.versions), "seed": self.plants.seed}
 
     @property
@@ -255,7 +258,7 @@ class Certified(_WithRuns, Shown, Saved, Frozen):
 
     @property
     def failures_before(self) -> int:
-        """Number of samples that exceed the limit before ``after``, which does not count."""
+        """Number of samples that exceed the limit before ``after``, a time `failures` ignores."""
         return int((self.runs.before > 0).sum())
 
     @property
@@ -319,12 +322,12 @@ class Certified(_WithRuns, Shown, Saved, Frozen):
     def sensitivities(self) -> list[Influence]:
         """Sensitivity of the peak error to each of the uncertain numbers, the largest first.
 
-        Numbers that were fitted again on gears of the sample's resonance count by their deviation
-        from that fit: the part that follows from the resonance is the resonance's.
+        Some numbers are fitted again for the resonance of each sample. Only their deviation from
+        that fit counts as theirs; the rest of their effect is attributed to the resonance.
         """
         names = self.plants.names
         values = self.plants.values - self.plants.expected
-        # Lost counts are no number of a plant, but the number of losses is one.
+        # Lost samples are no property of a plant; their number in each loop is a further column.
         if self.plants.dropped:
             names = (*names, "lost samples")
             values = np.column_stack([values, self.runs.lost])

@@ -1,13 +1,14 @@
 """Robustness reserves: a certificate's samples at lower bandwidths and longer periods.
 
-The same samples also run from a hold.
+`held` runs the samples from a hold: each starts with its disturbance torque already learnt.
 
-The lowest bandwidth and the longest period at which the certificate holds are its reserves. The
-sampling period is that of rig and controller together: the controller is designed for it, with its
-observer and its limits; it is not the old controller called late.
+The lowest bandwidth and the longest period at which the certificate holds are its reserves. The rig
+and the controller share the sampling period: for a longer one the controller, its observer and its
+limits are designed again; the old controller is not merely called less often.
 """
 
 import dataclasses
+import math
 from collections.abc import Iterator
 from typing import Any
 
@@ -28,11 +29,11 @@ class ReserveSettings:
     Parameters
     ----------
     bandwidths : tuple of float
-        Shares of the bandwidth that are tested, from above.
+        Tested bandwidths as shares of the designed one, in falling order.
     periods : tuple of float
-        Multiples of the sampling period that are tested, from below.
+        Tested sampling periods as multiples of the designed one, in rising order.
     rest : float
-        Speed [pulses/s] up to which a path begins at rest, for a start from a hold.
+        Speed [pulses/s] up to which the start of a path counts as rest, in `held`.
     """
 
     bandwidths: tuple[float, ...] = (0.9, 0.8, 0.7, 0.6, 0.5, 0.4, 0.3, 0.2, 0.1)
@@ -56,11 +57,13 @@ class Reserves(Shown):
     holds : bool
         Whether the controller as it is holds with these plants; where not, there are no reserves.
     bandwidth : float or None
-        Lowest tested bandwidth at which it still holds [rad/s]; None for a controller without.
+        Lowest tested bandwidth at which it still holds [rad/s]; None if it has no bandwidth, or if
+        `holds` is False.
     period : float or None
-        Longest tested sampling period at which it still holds [s]; None for a controller without.
+        Longest tested sampling period at which it still holds [s]; None if it has no period, or if
+        `holds` is False.
     tried : list of (str, float, int)
-        All runs: ``bandwidth`` or ``period``, its value, and the number of violations.
+        All runs: ``bandwidth`` or ``period``, its value, and how many plants exceed the limit.
     """
 
     samples: int
@@ -75,11 +78,11 @@ class Reserves(Shown):
             return "does not hold as it is"
         down = "" if self.bandwidth is None else f"down to {self.bandwidth:.4g} rad/s"
         up = "" if self.period is None else f"up to {1e3 * self.period:.4g} ms"
-        return f"holds {' and '.join(filter(None, (down, up)))}"
+        return f"holds {' and '.join(filter(None, (down, up))) or 'as it is'}"
 
     def _shown(self) -> Iterator[Piece]:
         yield Verdict(f"It {self._short()}.", self.holds)
-        allowed = int(self.allowed * self.samples)
+        allowed = _count(self.allowed, self.samples)
         # A two-sided interval of 90 % has the one-sided upper bound of 95 %.
         upper = clopper_pearson(allowed, self.samples, 0.9)[1]
         exceed = f"at most {allowed} of {self.samples} plants may exceed the limit"
@@ -95,7 +98,7 @@ def reserves(certificate: Any, samples: int | None, allowed: float = 0.0) -> Res
     """See `Certificate.reserves`."""
     law = certificate.law
     plants = certificate.plants.first(samples)
-    # Failures, too, are reported: they show how far the next step is off.
+    # A failed run is listed too: its violations show how far it is from holding.
     tried = list[tuple[str, float, int]]()
     if not 0 <= real("allowed", allowed, "Give a share, such as 0.") < 1:
         raise ValueError(f"allowed must be from 0 to below 1; got {allowed}. Give a share.")
@@ -103,13 +106,13 @@ def reserves(certificate: Any, samples: int | None, allowed: float = 0.0) -> Res
     def holds(kind: str, value: float, law: Law, plants: Plants) -> bool:
         failures = int((certificate.run(plants, law).outside > 0).sum())
         tried.append((kind, value, failures))
-        return failures <= allowed * len(plants)
+        return failures <= _count(allowed, len(plants))
 
     rig = plants.rig
     # A law may have no bandwidth, such as P, or no period, if it is continuous.
     bandwidth = getattr(law, "bandwidth", None)
     period = rig.period if law.period else None
-    # 1. As designed: a controller that fails already has no reserves.
+    # 1. As designed: a controller that fails here has no reserves.
     kind = "bandwidth" if bandwidth else "period"
     as_designed = holds(kind, bandwidth or rig.period, law, plants)
     # 2. Ever lower bandwidths, then 3. ever longer periods, each until one fails.
@@ -135,6 +138,12 @@ def reserves(certificate: Any, samples: int | None, allowed: float = 0.0) -> Res
     )
 
 
+def _count(share: float, samples: int) -> int:
+    """Plants that a share of them allows."""
+    # 0.29 of 100 is 28.999999999999996 in floating point.
+    return math.floor(share * samples * (1 + 1e-12))
+
+
 def _slower(law: Any, factor: float) -> Any:
     """The same design of a law, or the rig, for a period that is longer by a factor."""
     changes = {}
@@ -152,8 +161,8 @@ def _slower(law: Any, factor: float) -> Any:
 def held(certificate: Any, samples: int | None) -> Any:
     """The certificate of the first samples, each from a hold.
 
-    The disturbance torque is the gravity that the model lacks, and a share of each joint's Coulomb
-    friction, uniform from -1 to 1.
+    Each sample starts with a disturbance torque: the gravity that the model lacks, plus a share of
+    each joint's Coulomb friction. The shares are drawn uniformly from -1 to 1.
     """
     law = certificate.law
     path = certificate.reference
@@ -177,11 +186,11 @@ def held(certificate: Any, samples: int | None) -> Any:
     shares = np.random.default_rng((plants.seed, 3)).uniform(-1, 1, (len(plants), arm.n))
     # At rest the regressor is that of gravity alone.
     weight = np.asarray(arm.dynamics.Y(motion.q[0], still, still))
-    # In a hold static friction balances any torque within its cone.
+    # In a hold static friction balances any torque up to the Coulomb level, of either sign.
     friction = [drive.coupling.joint_torque(row) for row in shares * drive.joint_coulomb()]
     lacking = (plants.f - law.arm.f) @ weight.T + friction
-    # The disturbance torque is part of the law's state, from which the runs resume: each sample has
-    # its own, as a number of the loop.
+    # The disturbance torque is part of the law's state, from which the runs resume. The derived
+    # numbers with the names ``law.state[i]`` give each sample its own.
     begun = dataclasses.replace(
         plants,
         derived_names=(*plants.derived_names, *(f"law.state[{i}]" for i in errors[0])),

@@ -25,8 +25,8 @@ _CODES = (
 )
 
 
-# Arguments that are no options. A message writes `--option` for the name of an option; it leaves
-# these as they are.
+# Positional arguments. A message writes the name of an option as `--option`, but leaves the names
+# of these as they are.
 _ARGUMENTS = {"command", "found", "logs", "name", "model", "plan"}
 
 
@@ -54,7 +54,11 @@ class _Parser(argparse.ArgumentParser):
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Run one command, by default that of the process, and give its exit code (`_CODES`)."""
+    """Run one command and return its exit code (`_CODES`).
+
+    Without `arguments`, the command is that of `sys.argv`. A wrong option, ``--help`` and
+    ``--version`` raise SystemExit.
+    """
     options = _parser().parse_args(arguments)
     # Every way in which a command may end has its own exit code (`_CODES`).
     try:
@@ -70,8 +74,7 @@ def main(arguments: list[str] | None = None) -> int:
                 answer = run_campaign(options, _parser().parse_args)
             else:
                 answer = COMMANDS[options.command](options)
-        # JSON has no NaN: a number that is not finite must have become null before.
-        text = json.dumps(answer.data, indent=1, allow_nan=False) if options.json else answer.text
+        text = _as_json(answer.data) if options.json else answer.text
     except KeyboardInterrupt:
         # Whoever interrupts learns how to go on.
         advice = ""
@@ -102,17 +105,28 @@ def main(arguments: list[str] | None = None) -> int:
     return 0 if answer.good else 1
 
 
+def _as_json(data: Any) -> str:
+    """The data of an answer as JSON."""
+    # JSON has no NaN: a number that is not finite must have become null before.
+    try:
+        return json.dumps(data, indent=1, allow_nan=False)
+    except ValueError as error:
+        raise AssertionError("an answer must have finite numbers") from error
+
+
 def _print(text: str) -> None:
     """Print a text; characters that the output's encoding lacks become "?"."""
+    # Without standard output, as under a service, there is nowhere to print.
+    if sys.stdout is None:
+        return
     # A stream that replaces standard output, as in tests, may have no encoding.
     encoding = getattr(sys.stdout, "encoding", None) or "utf-8"
+    if encoding != "utf-8":
+        text = text.replace("±", "+-")
     if text:
-        print(
-            text.replace("±", "+-").encode(encoding, "replace").decode(encoding)
-            if encoding != "utf-8"
-            else text
-        )
-    # A full disk shows here, while it can still be reported, and not at the end of Python.
+        # A file name may hold bytes that are no characters, in any encoding.
+        print(text.encode(encoding, "replace").decode(encoding))
+    # The flush raises the error of a full disk now, while `main` can still report it.
     sys.stdout.flush()
 
 
@@ -137,7 +151,9 @@ def _parser() -> argparse.ArgumentParser:
     )
     # Options of every command stand first, so that all helps begin alike.
     for name, (message, options) in _COMMANDS.items():
-        command = commands.add_parser(name, help=message, description=message.capitalize() + ".")
+        command = commands.add_parser(
+            name, help=message, description=message[0].upper() + message[1:] + "."
+        )
         for names, settings in (*_EVERY, *options):
             command.add_argument(*names, **settings)
     return parser
@@ -208,7 +224,7 @@ _PRIOR = _option(
     type=float,
     metavar="SHARE",
 )
-# Settings of options that several commands word differently.
+# Settings by kind of value: a robot file, one number or a range, a position.
 _ROBOT: Any = {"metavar": "TOML"}
 _ENDS: Any = {"nargs": "+", "type": float, "action": _Ends, "metavar": "X"}
 _PLACE: Any = {"nargs": 3, "type": float, "metavar": ("X", "Y", "Z")}
@@ -223,7 +239,7 @@ _UNCERTAIN = (
     _option("--load", "in the gripper [kg]", **_ENDS),
     _option("--load-position", "its centre in the last link's frame [m]", **_PLACE),
     _option("--delay", "of the torque [s]", **_ENDS),
-    # A new row of the table of imperfections is an option of its own at once.
+    # Each row of the table of imperfections becomes an option.
     *(
         _option(f"--{name.replace('_', '-')}", f"{row.words} [{row.unit}]", **_ENDS)
         for name, row in IMPERFECTIONS.items()
@@ -236,7 +252,7 @@ _UNCERTAIN = (
     ),
     _flag("--everyday", "a row for each of some everyday motions, and for --path"),
     _option("--samples", "Monte Carlo samples (default 10000)", type=int, default=10_000),
-    # Output and checkpoint come last, as in every command.
+    # Output and checkpoint come last of the shared arguments.
     *_output("file for report", required=False),
     _CHECKPOINT,
 )
@@ -246,7 +262,7 @@ _COMMANDS: dict[str, tuple[str, Any]] = {
     "demo": (
         "the paper from end to end: measure, identify, control",
         (
-            # The demo has another default than the commands for a user's own logs.
+            # The default seed of the demo differs from that of the other commands.
             _option("--seed", "same seed, same result", type=_seed, default=1),
             _option("--figures", "folder for the figures", type=Path, default=Path("figures")),
         ),
@@ -330,8 +346,7 @@ _COMMANDS: dict[str, tuple[str, Any]] = {
         "the probability that computed torque exceeds the pulse limit",
         (
             *_UNCERTAIN,
-            # The controller of `certify` is given; that of `tune` is searched, so it has no
-            # bandwidth.
+            # `certify` is given its controller; `tune` searches for one and has no --bandwidth.
             _BANDWIDTH,
             _PATH,
             _flag("--hold", "from a hold, static friction anywhere inside its cone"),
@@ -357,7 +372,7 @@ _COMMANDS: dict[str, tuple[str, Any]] = {
             _option(
                 "plan", "robots, logs, what to do, and where results are kept", metavar="PLAN.toml"
             ),
-            # Where it runs is no part of the plan: one plan may run on several machines.
+            # The plan does not say where a campaign runs: one plan may run on several machines.
             _option("--executor", "threads (default), processes, or dask:ADDRESS", metavar="WHERE"),
             _flag("--resume", "go on with what the folder of the plan holds"),
             _flag("--status", "how far it is; runs nothing"),
@@ -367,7 +382,7 @@ _COMMANDS: dict[str, tuple[str, Any]] = {
         "one page of an identification and its controller (HTML)",
         (
             _FOUND,
-            # A certificate has its own controller; --bandwidth is for a page without one.
+            # A certificate has its own controller; --bandwidth is for a page without a certificate.
             _option("--certificate", "file of certify -o or tune -o", metavar="FILE"),
             _option("--title", "title of the page", metavar="TEXT"),
             _BANDWIDTH,

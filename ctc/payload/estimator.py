@@ -1,5 +1,6 @@
 """On-line identification of a load under a controller with a model. Source: paper, conclusion."""
 
+import math
 from typing import Any
 
 import numpy as np
@@ -19,12 +20,12 @@ from plant.parts.arguments import choice, instance, known_options, real
 # Shortest window [s]: the lower end of the range of the paper.
 _SHORTEST_WINDOW = 0.1
 
-# Factor of elastic gears on the disturbance torque after a change of the load; chosen by
-# hand.
+# Factor on the tolerated change of the disturbance torque where gears are elastic: they swing after
+# a change of the load. Chosen by hand.
 _SWINGING = 2.0
 
-# Disturbance acceleration [1/s^2] per angle of one count that the rounding of counts alone makes,
-# through the observer of 60 rad/s of `PayloadLaw`; chosen by hand.
+# Disturbance acceleration that the rounding of counts alone makes through the observer of 60 rad/s
+# of `PayloadLaw`, divided by the angle of one count [1/s^2]; chosen by hand.
 _ROUNDING = 200.0
 
 
@@ -32,46 +33,49 @@ _ROUNDING = 200.0
 class PayloadEstimator:
     """A controller that identifies the load in its gripper while it runs.
 
-    At the start, and when a load is taken, dropped or changed, the controller holds a prior,
-    collects counts and applied torque over a window, has the load identified beside it, and swaps
-    its model bumplessly.
+    At the start, and when a load is taken, dropped or changed, the controller puts a prior load
+    into its model and collects counts and applied torques over a window. The load is identified
+    from them, by default in another process. Then the controller swaps its model without a bump in
+    the torque.
 
     Parameters
     ----------
-    law : Law
-        That holds the arm without a load, and its rig: `ComputedTorque` and the others of `ctc`.
-        Its observer or integral is re-based at a swap.
+    law : ModelLaw
+        Law with a model of the arm without a load, and with its rig, such as `ComputedTorque`; not
+        `Adaptive`. A swap re-bases its observer or integral.
     mass : (2,) array_like
         Lightest and heaviest load [kg].
     position : (3,) array_like, optional
         Centre of the load in the frame of the last link's body [m]. By default it lies somewhere
         along a line.
     window : float
-        To be collected [s]: 0.1 to 0.2 of the paper, or more.
+        Time over which counts and torques are collected [s]; the paper has 0.1 to 0.2.
     along : (3,) array_like, optional
-        Direction of that line, from the origin of that frame; by default the axis of the frame
-        along which the last link's own centre lies.
+        Without `position`: direction of the line, from the origin of the last body's frame, on
+        which the centre lies; by default the axis along which the last link's own centre lies.
     reach : (2,) array_like
-        Shortest and longest distance of the centre along it [m].
+        Shortest and longest distance of the centre from that origin along the line [m].
     inertia : (6,) array_like
         Ixx, Ixy, Ixz, Iyy, Iyz, Izz of 1 kg about its centre [m^2]; a point mass by default.
     prior : float, optional
-        Mass in the model while a load is not known [kg]; by default half the heaviest.
+        Mass in the model while a load is not known [kg]; by default the middle of its
+        range.
     found : Identification, optional
-        That gave arm and rig: its covariance goes into estimate and interval.
+        Identification that gave the arm and the rig: its covariance enters the estimate and its
+        interval.
     friction : float
         Standard deviation of the friction levels as a share of them, for the interval, where
         `found` has none.
     tolerated : float
         Share by which friction may be off without a false alarm: see `alarm`.
     alarm : float
-        Change of the disturbance torque, in units of `tolerated` times the Coulomb levels, that is
-        one of the load.
+        Change of the disturbance torque that counts as a change of the load, in units of the change
+        that friction (see `tolerated`) and rounding may make.
     method : {"kernel", "genetic"}
         The torque equation by smooth kernels, or the genetic algorithm of 3.7.
     beside : bool
-        Identify in a process of its own. If not, the call that ends a window takes as long as that
-        does.
+        Identify in a process of its own. If not, the call that ends a window lasts until the load
+        is identified.
     seed : int
         Of the genetic algorithm.
 
@@ -141,10 +145,11 @@ class PayloadEstimator:
         # 1. The window: at least three smoothing kernels.
         # A kernel needs its length and a sample at each end; three fit side by side.
         samples = round(self.window / rig.period)
-        if self.window < _SHORTEST_WINDOW or samples < 3 * (KERNEL / rig.period + 2):
-            shortest = max(_SHORTEST_WINDOW, 3 * (KERNEL + 2 * rig.period))
+        least = math.ceil(3 * (KERNEL / rig.period + 2))
+        if self.window < _SHORTEST_WINDOW or samples < least:
+            shortest = max(_SHORTEST_WINDOW, least * rig.period)
             raise ValueError(
-                f"window must be at least {shortest:.3g} s; got {window:g}. The paper has 0.1 to"
+                f"window must be at least {shortest:.6g} s; got {window:.6g}. The paper has 0.1 to"
                 " 0.2."
             )
 
@@ -154,12 +159,12 @@ class PayloadEstimator:
         if prior is not None:
             if not low <= real("prior", prior, "Give kg.") <= high:
                 raise ValueError(
-                    f"prior must be within {low:g} to {high:g} kg; got {prior:g}. Half of it is"
-                    " usual."
+                    f"prior must be within {low:g} to {high:g} kg; got {prior:g}. Leave it out for"
+                    " the middle of that range."
                 )
-            # The shape's prior is half of the heaviest load; the parameters are proportional to the
-            # mass.
-            start = prior / high * 2 * self.shape.prior
+            # The shape's prior has the mass in the middle of the range, to which its parameters are
+            # proportional.
+            start = prior / (low + high) * 2 * self.shape.prior
 
         # 3. Changes of the disturbance torque without a change of the load: friction that is off,
         # and rounding.
@@ -171,8 +176,9 @@ class PayloadEstimator:
         unknown, root = uncertainty(arm, rig, found, friction)
         rigid = rig.drive.elasticity is None
         noise = tolerated * rig.drive.joint_coulomb() + rounding
-        # A delay fixes the torque of the coming samples, so that such a law must hold the load
-        # itself, also on elastic gears. The middle place represents all where the load may lie.
+        # A law with a delay has already fixed the torque of the coming samples. It must therefore
+        # hold the load itself, on elastic gears too. The middle place stands for all places of the
+        # load.
         self.loop_law = PayloadLaw(
             law=checked,
             start_with=start,

@@ -1,12 +1,14 @@
-"""Contradictions between the torques of a log and the equation of motion, whatever f is.
+"""Contradictions between a log's torques and the equation of motion, for any parameters f.
 
-Each hypothesis restates the log, or gravity, as it would be without one mistake: the sign of a
-joint or of its torque, gravity turned, tilted, or taken out of the torque, a zero by a right angle,
-two columns exchanged, another unit of positions or torques, a torque that is late, or without
-friction. `restatements` undoes each of them; `stated_equation` says how likely the result is.
+Each hypothesis restates the log, or what is stated of the arm, as it would be without one mistake.
+The mistakes are: the wrong sign of a joint or a torque; gravity that is turned, tilted, or taken
+out of the torque; a zero that is off by one or two right angles; two exchanged columns; another
+unit of positions or torques; late torques or positions; friction that the torques lack or the rig
+overstates. `restatements` undoes each mistake; `stated_equation` says how likely the result is.
 """
 
 import functools
+import itertools
 from collections.abc import Iterator
 from dataclasses import replace
 
@@ -26,10 +28,11 @@ from plant.checkup.hypothesis import (
     whole,
 )
 
-# Log odds against a mistake are those of a residual that no right log reaches, with a margin. Of
-# the residual as stated, 40 right logs of the corpus (``tests/benchmarks/verdicts.py``; fast
-# starts, creeping joints, a UR10, a Panda) left 0.76 with another sign of a joint, and else 0.98 or
-# more. Where the first axis is level, a zero by 180 degrees and gravity upwards are the same.
+# `against`, the log odds against a mistake, are those of a residual that no right log reaches, with
+# a margin. 40 right logs of the corpus (``tests/benchmarks/verdicts.py``; fast starts, creeping
+# joints, a UR10, a Panda) were restated: another sign of a joint left 0.76 of the original residual
+# or more, any other restatement 0.98 or more. Where the first axis is level, a zero of its joint
+# that is off by 180 degrees is the same mistake as gravity upwards.
 HYPOTHESES = (
     Hypothesis(
         name="gravity direction",
@@ -48,7 +51,7 @@ HYPOTHESES = (
         scope=each_joint,
         against=13.0,
     ),
-    # f of the other sign takes the turn over, except for friction.
+    # An f of the other sign explains turned torques as well, except for friction.
     Hypothesis(
         name="sign of the torques",
         sentence="the torques have the other sign: they are what the joints feel, not what the"
@@ -87,17 +90,17 @@ HYPOTHESES = (
     Hypothesis(
         name="torques without friction",
         sentence="the torque is that of a model, or of a sensor behind the gears: friction is"
-        " {value:.1g} % of it, which the rig states differently",
+        " {value:.3g} % of it, which the rig states differently",
         remedy="Log the torque, or the current, of the motors",
         undo=undo.without_friction,
         evidence=undo.frictionless,
         against=10.0,
         unit="%",
     ),
-    # The torque of a law drives the motor, friction and all.
+    # The torque that a law commands includes friction, so that the stated friction must be wrong.
     Hypothesis(
         name="overstated friction",
-        sentence="friction is not the rig's: it is {value:.1g} % of the torque that the law"
+        sentence="friction is not the rig's: it is {value:.3g} % of the torque that the law"
         " commands, far less than stated",
         remedy="Correct the friction of the drive, or leave it open (None)",
         undo=undo.without_friction,
@@ -158,10 +161,11 @@ HYPOTHESES = (
         against=10.0,
         unit="times",
     ),
-    # Of joints that the stated bodies move; f of any value takes a factor of the torque over.
+    # The scale is relative to the torque that the stated bodies need, at the joints where they need
+    # any: a free f would absorb a factor of the torque.
     Hypothesis(
         name="torque scale",
-        sentence="the torques are {value:.2g} times those that the bodies of the chain need",
+        sentence="the torques are {value:.4g} times those that the bodies of the chain need",
         remedy="Correct the unit, gear or gain of the torques, or the bodies of the chain",
         undo=undo.scaled,
         evidence=undo.scales,
@@ -170,8 +174,9 @@ HYPOTHESES = (
     ),
 )
 
-# Statements that are always tried; the others where much is left. f of any value takes over a small
-# tilt, and a zero of some arms, but the stated bodies do not.
+# Hypotheses that are always tried; the others are tried only where the equation leaves much of the
+# torques. A free f absorbs a small tilt, and on some arms a wrong zero, so that little is left; the
+# stated bodies do not absorb them.
 _ALWAYS = (
     "gravity direction",
     "joint sign",
@@ -198,28 +203,30 @@ def contradictions(
         SelectionSettings(causes=2),
     )
     left = [experiment.left for experiment in result.experiments]
-    return tuple(
-        replace(
-            cause,
-            sentence=f"{cause.sentence}. So stated, the equation of motion leaves {after:.1%} of"
-            f" the torques (rms); as it is, {before:.1%}"
-            if after < before
-            else cause.sentence,
-            remedy=f"{cause.remedy}, and identify again",
-        )
-        for cause, before, after in zip(result.causes, left[:-1], left[1:], strict=True)
-    )
+    causes = []
+    for k, (before, after) in enumerate(itertools.pairwise(left)):
+        cause = result.causes[k]
+        sentence = cause.sentence
+        if after < before:
+            compared_with = "as it is" if k == 0 else "with the first correction alone"
+            sentence += (
+                f". So stated, the equation of motion leaves {after:.1%} of the torques (rms);"
+                f" {compared_with}, {before:.1%}"
+            )
+        remedy = f"{cause.remedy}, and identify again"
+        causes.append(replace(cause, sentence=sentence, remedy=remedy))
+    return tuple(causes)
 
 
 def candidates_of(
     equation: TorqueEquation, hypotheses: tuple[Hypothesis[TorqueEquation], ...] = HYPOTHESES
 ) -> Iterator[Candidate]:
-    """Every restatement of an equation, with its log odds."""
+    """The restatements of an equation that are worth a trial, each with its log odds."""
     n = equation.dynamics.n
     for hypothesis in hypotheses:
         if hypothesis.name not in _ALWAYS and not equation.left > SETTINGS.suspected:
             continue
-        # Of a single joint, f of any value takes a turn over.
+        # On a single joint a free f absorbs a turn: only hypotheses of scope `whole` are tried.
         scopes = hypothesis.scope(n) if n > 1 or hypothesis.scope is whole else ()
         for joints in scopes:
             for size, odds in _scored(hypothesis, equation, joints):
@@ -246,7 +253,8 @@ def restated(dynamics: Dynamics, record: Record) -> tuple[Cause, ...]:
 def wrong_statements(dynamics: Dynamics, record: Record) -> tuple[str, ...]:
     """A line for each mistake in a record: first those that its checkup calls wrong.
 
-    With an arm the record is examined without them, so that none is reported twice.
+    The equation of motion then examines the record with these corrected, so that none is reported
+    twice.
     """
     misreadings = misread(record)
     corrected = record.check().corrected if misreadings else record
@@ -254,5 +262,8 @@ def wrong_statements(dynamics: Dynamics, record: Record) -> tuple[str, ...]:
 
 
 def of_log(dynamics: Dynamics, log: TorqueLog, band: float) -> tuple[Cause, ...]:
-    """The same of positions and torques in a band [Hz]; none where a torque is missing."""
+    """What a log of positions and torques states wrongly, in a band [Hz].
+
+    There is no cause where a torque is missing.
+    """
     return contradictions(TorqueEquation.of_band(dynamics, log, band))

@@ -1,10 +1,11 @@
 """Directions of the unknowns that the readings of a log determine hardly, or not at all.
 
 The weight of a vertical slide and the integral of its controller before the log act as one number:
-a change of one is undone by a change of the other. The slopes of single unknowns are differences of
-simulations, which are exact to a few digits. Where such slopes cancel, their errors remain, and
-would pass for knowledge. Therefore a weak direction is simulated as a whole: what cancels in the
-machine then cancels in the simulation. What remains below the accuracy of a slope is no knowledge.
+a change of one is undone by a change of the other. The slope of a single unknown
+is a difference of simulations, and exact to a few digits only. Where such slopes cancel, their
+errors remain, and would pass for knowledge. Therefore a weak direction is simulated as a whole:
+what cancels in the machine then cancels in the simulation. A remainder below the accuracy of a
+slope is no knowledge.
 """
 
 from typing import NamedTuple
@@ -20,7 +21,9 @@ from plant.parts.sums import norm, products
 
 @frozen_settings
 class WeakDirectionSettings:
-    """Shares of the slopes of the unknowns that remain in a direction; chosen by hand.
+    """Limits of the search for weak directions; chosen by hand.
+
+    The share of a direction is the norm of its slope where the slope of each unknown has norm 1.
 
     Parameters
     ----------
@@ -28,19 +31,20 @@ class WeakDirectionSettings:
         Share below which the slope of a direction is simulated: slopes of single unknowns are exact
         to about a thousandth.
     remembered : float
-        The same where the state of a law before the log is unknown: its slope, such as that of an
-        integral, nearly cancels with others. Slopes of a log of 5 ms left 3 % of a direction that
-        no reading determines (log 13 of ``any_rig.py --period 0.005``).
+        The same where the state of a law before the log is unknown: the slope of such a state, an
+        integral for example, nearly cancels with others. In a log with a period of 5 ms the errors
+        of the slopes gave a share of 3 % to a direction that no reading determines (log 13 of
+        ``any_rig.py --period 0.005``).
     determined : float
-        Share below which a direction is not determined by the readings. A direction that is
-        simulated over a short way is exact to some 1e-8; along a log of a PID loop that began
-        earlier, directions with a share of 8e-5 were still known to a thousandth.
+        Share below which a direction is not determined by the readings. The slope of a
+        direction that is simulated over a short way is exact to some 1e-8. Along a log of a PID
+        loop that began earlier, a share of 8e-5 was still known to a thousandth.
     agreement : float
         Change of the slope of a weak direction, as a share of `determined`, below which the search
         for weak directions ends.
     way : float
-        Largest change of the readings by one unknown of a direction that is simulated, RMS
-        [pulses].
+        Largest RMS change of the readings [pulses] that one unknown makes while a direction is
+        simulated.
     rounds : int
         Searches for weak directions, each with the slopes of the previous one.
     together : int
@@ -71,9 +75,9 @@ def with_weak_directions(
 ) -> Slopes:
     """Slopes whose weak directions are simulated.
 
-    Beside expected values of a law's state, directions that no reading determines have no slope in
-    the readings. Rows that are no readings stay as they are: an expected value determines what the
-    readings do not. Elsewhere the least squares refuse such a direction.
+    Where a law's state has expected values, a direction that no reading determines gets the slope
+    zero in the readings. It keeps its slope in the rows of the expected values, which determine it.
+    Without expected values the least squares refuse such a direction.
 
     Parameters
     ----------
@@ -95,11 +99,11 @@ def with_weak_directions(
     none = np.empty((0, len(varied)))
     readings = residual.weights > 0
     lengths = np.sqrt(np.einsum("mi,mi->i", slopes[readings], slopes[readings]))
-    # An unknown that does not act at all is named by the least squares.
+    # The least squares deal with an unknown that does not act on the readings.
     if not lengths.all():
         return Slopes(slopes, none)
-    # A residual with expected values of a law's state, which are rows without a reading, has a low
-    # limit of dependence. They weigh so little that an error of a slope would outweigh them.
+    # The expected values of a law's state are rows without a reading. A residual with such rows has
+    # a low limit of dependence. An error of a slope would outweigh these rows.
     expected = residual.dependent < IDENTIFIABLE.products
     weak = SETTINGS.remembered if expected else SETTINGS.measured
     if np.linalg.eigvalsh(_products(slopes, readings, lengths))[0] >= weak**2:
@@ -118,7 +122,7 @@ def with_weak_directions(
             block = directions[begin : begin + SETTINGS.together]
             measured = _along(residual, values, step, varied, block / lengths, way)
             for axis, slope in zip(block, measured, strict=True):
-                # Where the arm leaves the log the differences of single unknowns stay.
+                # Where the simulation fails, keep the slopes of the single unknowns.
                 if not np.isfinite(slope).all():
                     continue
                 # Only the part along this direction changes.
@@ -130,7 +134,7 @@ def with_weak_directions(
     if not expected:
         return Slopes(scaled * lengths, none)
 
-    # 2. What is below the accuracy of a slope is no slope.
+    # 2. Set a slope in the readings to zero where it is below its accuracy.
     squares, axes = np.linalg.eigh(_products(scaled, readings, unit))
     undetermined = []
     for axis in axes.T[squares < SETTINGS.determined**2]:

@@ -1,14 +1,14 @@
-"""Oscillation in the tracking errors: its frequency, mode of the loop or disturbance, filter.
+"""Oscillation in the tracking errors: its frequency, its origin, and a filter that removes it.
 
 The paper takes the 27-32 Hz of its errors for a disturbance and filters it out (Figs. 10-11). Under
-P control it is a mode of the position loop: it shows the inertias, and belongs into the
-identification. Only a frequency that the linearised loop does not have (a flexible base, a loose
-sensor) is a disturbance.
+P control this oscillation is a mode of the position loop: it depends on the inertias, so the
+identification needs it. An oscillation is a disturbance (from a flexible base or a loose sensor)
+only if the linearised loop has no mode at its frequency.
 
 Source: paper Figs. 10-11, 4.2.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -42,15 +42,15 @@ class OscillationSettings:
     Parameters
     ----------
     band : float
-        The filter stops from the frequency divided by this factor to the frequency times it.
+        Factor by which the edges of the stop band lie below and above the frequency.
     order : int
         Order of the Butterworth filter.
     periods : float
         Periods of the oscillation by which the errors are continued at both ends, so that the
         filter acts there too.
     tolerance : float
-        Relative distance from a mode of the linearised loop within which the oscillation is that
-        mode.
+        Relative distance from the frequencies of a mode of the linearised loop within which the
+        oscillation counts as that mode.
     poses : int
         Poses along the motion at which the loop is linearised.
     """
@@ -76,8 +76,8 @@ class Oscillation(Shown, Frozen):
     amplitude : (n,) numpy.ndarray
         Root mean square of the part of each error that the filter removes [pulses].
     modes : tuple of (float, float)
-        Lowest and highest frequency of each mode of the linearised loop along the motion [Hz]; none
-        without an arm.
+        Lowest and highest frequency of each mode of the linearised loop along the motion [Hz];
+        empty without an arm.
     own : bool or None
         Whether the oscillation is the position loop's own mode; None without an arm.
     record : Record
@@ -93,7 +93,7 @@ class Oscillation(Shown, Frozen):
     joints: tuple[str, ...]
 
     def removed(self, errors: ArrayLike) -> Floats:
-        """Errors (N, n) without the oscillation, by a band-stop filter without phase."""
+        """Errors (N, n) without the oscillation, by a band-stop filter without phase shift."""
         from scipy.signal import butter, sosfiltfilt
 
         shape = self.record.error_pulses.shape
@@ -111,7 +111,9 @@ class Oscillation(Shown, Frozen):
             * 2
             * self.record.rig.period
         )
-        sections = butter(SETTINGS.order, band, "bandstop", output="sos")
+        # Near the Nyquist frequency all above the lower edge belongs to the oscillation.
+        kind, edges = ("bandstop", band) if band[1] < 1 else ("lowpass", band[0])
+        sections = butter(SETTINGS.order, edges, kind, output="sos")
         # Forwards and backwards, so that the phases cancel.
         ends = min(len(errors) - 1, int(SETTINGS.periods / per_sample))
         return sosfiltfilt(sections, errors, axis=0, padlen=ends)
@@ -156,7 +158,8 @@ def oscillation(record: Record, arm: Arm | None = None) -> Oscillation:
     ----------
     record : Record
     arm : Arm, optional
-        A rough arm suffices: its linearised loop shows whether the oscillation is a mode of it.
+        The linearised loop of this arm shows whether the oscillation is a mode of the loop. A rough
+        arm suffices.
 
     Returns
     -------
@@ -185,26 +188,22 @@ def oscillation(record: Record, arm: Arm | None = None) -> Oscillation:
     frequency = mode_in(record)
     spans: tuple[tuple[float, float], ...] = ()
     is_mode = None
-    # The rig numbers the joints; a chain has their names.
+    # Joints have the labels of the rig, unless an arm is given: its chain names them.
     joints = record.rig.joint_labels
     if arm is not None:
-        # With an arm, compare it with the modes of the loop.
+        # With an arm, compare the frequency with the modes of the loop.
         instance("arm", arm, Arm, "Pass found.arm.")
         if record.law is None:
             raise ValueError(
                 "the record must name the law that made it; got None. Pass law= when loading it."
             )
-        # The loop has the joints of the record, with this law.
+        # The loop consists of the arm and of the record's rig and law: the arm must fit the rig.
         record.rig.require_fit(arm.dynamics.chain)
         joints = arm.dynamics.chain.joint_labels
         law = instance("law of the record", record.law, Law, "Pass law= with the log.")
         # The modes move with the pose: compare the frequency with the span of each of them.
         poses = [modes[:, 0] for modes in modes_along(arm, record, law, SETTINGS.poses)]
-        count = min(map(len, poses))  # a mode can be overdamped in some poses
-        frequencies = [modes[:count] for modes in poses]
-        lowest = np.min(frequencies, axis=0)
-        highest = np.max(frequencies, axis=0)
-        spans = tuple(zip(lowest.tolist(), highest.tolist(), strict=True))
+        spans = _spans(poses)
         tolerance = SETTINGS.tolerance
         is_mode = any(
             low * (1 - tolerance) < frequency < high * (1 + tolerance) for low, high in spans
@@ -220,3 +219,20 @@ def oscillation(record: Record, arm: Arm | None = None) -> Oscillation:
     # The amplitude needs the filter, which needs the frequency.
     removed = record.error_pulses - result.removed(record.error_pulses)
     return replace(result, amplitude=np.sqrt((removed**2).mean(axis=0)))
+
+
+def _spans(poses: Sequence[Floats]) -> tuple[tuple[float, float], ...]:
+    """Lowest and highest frequency of each mode, from those of each pose in rising order."""
+    most = max(map(len, poses))
+    complete = np.array([modes for modes in poses if len(modes) == most])
+    lowest = complete.min(axis=0, initial=np.inf)
+    highest = complete.max(axis=0, initial=0.0)
+    # A mode can be overdamped in some poses: those that are left belong to the nearest ones.
+    middle = np.sqrt(lowest * highest)
+    for modes in poses:
+        if len(modes) < most:
+            for frequency in modes:
+                nearest = np.argmin(np.abs(np.log(frequency / middle)))
+                lowest[nearest] = min(lowest[nearest], frequency)
+                highest[nearest] = max(highest[nearest], frequency)
+    return tuple(zip(lowest.tolist(), highest.tolist(), strict=True))

@@ -1,13 +1,14 @@
 """Arm, rig and law as python-control systems, connected by the names of their signals.
 
-Every signal has one component per joint, ``q[0]``, ``q[1]``, ...; all are joint side but the
-pulses, SI. The drives are with the arm, where their friction and their limit act; python-control
-follows a signal through each system once only.
+Every signal has one component per joint, ``q[0]``, ``q[1]``, .... The signals of the systems are
+joint-side and in SI units, except the encoder pulses. The drives are part of the arm's system:
+their friction and their limit act there, and python-control follows a signal through each system
+only once.
 
 A sampled law needs a sampled arm, since python-control connects no continuous system with a
-discrete one. The continuous arm is the limit of the simulator's sub-step for a short step, with
-regularised friction, for an ODE solver; the sampled one makes as many of those sub-steps as
-`simulate` does, with its set-valued friction.
+discrete one. The continuous arm is for an ODE solver: its derivative is the limit of the
+simulator's sub-step as the length of the step goes to zero, with regularised friction. The sampled
+arm makes `steps_per_sample` of the simulator's sub-steps, with its set-valued friction.
 """
 
 from __future__ import annotations
@@ -54,41 +55,47 @@ def to_control(
     sampled: bool = False,
     steps_per_sample: int = 4,
 ) -> control.NonlinearIOSystem | control.TimeResponseData:
-    """An arm, a law or a rig as a python-control system, for `control.interconnect`.
+    """An arm, a law or a rig as a python-control system, or a record as a time response.
 
-    That function joins systems by the names of their signals.
+    The function `control.interconnect` joins the systems by the names of their signals.
 
     Parameters
     ----------
     system : Arm, Law, Rig or Record
     rig : Rig, optional
-        Needed by a law. Of an arm: its drives limit the torque, and their friction acts on the
-        joints; without it, neither does.
+        A law and a sampled arm need it. The drives of an arm's rig limit the torque and add their
+        friction; an arm without a rig has neither limit nor friction.
     sampled : bool
-        Of an arm, one sample of the simulator: torque held over the rig's period, friction
-        set-valued. Otherwise a continuous system, friction regularised.
+        If true, the arm is discrete: the torque is held over the rig's period, and friction is
+        set-valued. Otherwise it is continuous, and friction is regularised. For arms only.
     steps_per_sample : int
         Sub-steps of a sampled arm, as in `simulate`.
 
     Returns
     -------
     control.NonlinearIOSystem, or control.TimeResponseData
-        Arm: outputs ``q[i]``, ``qd[i]``, which are its states too. Without a rig, inputs ``tau[i]``
-        [N m]; with it, inputs ``asked[i]`` and outputs ``tau[i]``, after the amplifier's limit. A
-        sampled arm has also the states ``impulse[i]`` of its friction (0 at the start). Law: inputs
-        ``q_r[i]``, ``qd_r[i]``, ``qdd_r[i]``, ``pulses[i]``, outputs ``asked[i]``, before the
-        limit. With a period it is discrete; its states are ``law[i]``, at first
-        ``law.block(rig).initial``, and the torque applied last, ``torque[i]``. Without one it is
-        continuous, or of any time if it has no state. Rig: inputs ``q[i]`` [rad], outputs
-        ``pulses[i]``. A solver of differential equations wants an encoder with ``smooth=True``.
+        Arm: without a rig, inputs ``tau[i]`` [N m]; with one, inputs ``asked[i]``, and outputs
+        ``tau[i]`` after the amplifier's limit. The outputs ``q[i]`` and ``qd[i]`` are states, too.
+        If the gears are elastic, the output ``q[i]`` is the position that the encoders measure, and
+        ``link[i]`` and ``link_speed[i]`` are further outputs and states. A sampled arm also has the
+        states ``impulse[i]`` of its friction (0 at the start).
+        Law: inputs ``q_r[i]``, ``qd_r[i]``, ``qdd_r[i]``, ``pulses[i]``; outputs ``asked[i]``,
+        before the limit. A law with a period is discrete and has the states ``law[i]`` and
+        ``torque[i]``, the torque applied last. A law without a period is continuous, or of any time
+        if it has no state. The system does not store the initial ``law[i]``: pass
+        ``law.block(rig).initial`` to the simulation.
+        Rig: inputs ``q[i]`` [rad], outputs ``pulses[i]``. A solver of differential equations needs
+        an encoder with ``smooth=True``.
         Record, for python-control's plots: inputs ``reference_pulses[i]``, outputs
         ``error_pulses[i]`` and the other logged columns.
 
     Raises
     ------
     ValueError
-        A sampled arm or a law without a rig, a rig that does not fit, a law without a period whose
-        equations do not hold for dt = 0.
+        A law or a sampled arm has no rig; a rig or a record has one beside it; the rig does not
+        fit; `sampled` is true for a system that is no arm; a continuous arm has a presliding
+        distance that is not positive; a law without a period depends on the torque applied last,
+        or has equations that do not hold for dt = 0.
 
     See Also
     --------
@@ -111,6 +118,10 @@ def to_control(
         )
     if isinstance(system, Law):
         return _law_system(system, rig)
+    if rig is not None:
+        raise ValueError(
+            f"rig is for arms and laws; got a {type(system).__name__} beside it. Leave it out."
+        )
     if isinstance(system, Record):
         return _time_response(system)
     return _rig_system(instance("system", system, Rig, "Pass an Arm, a Law, a Rig or a Record."))
@@ -134,12 +145,18 @@ def _arm_system(
         # Without a rig there is neither friction nor a limit: the rigid-body equation alone.
         qdd = inverse(arm.dynamics.D(q, arm.f)).solve(torque - arm.dynamics.h(q, qd, arm.f))
         return _system(
-            "arm", state, {"tau": torque}, ca.vertcat(qd, qdd), {"q": q, "qd": qd}, 0, ("q", "qd")
+            "arm",
+            state,
+            {"tau": torque},
+            ca.vertcat(qd, qdd),
+            {"q": q, "qd": qd},
+            0,
+            [*_labels("q", n), *_labels("qd", n)],
         )
     instance("rig", rig, Rig, "Pass the rig that drives the arm.")
     # Presliding friction is a spring, in continuous time as well.
     presliding = rig.drive.presliding
-    # Bristles of no length are infinitely stiff, which a solver of differential equations is not.
+    # Bristles of zero length are infinitely stiff: no solver of differential equations takes them.
     if not sampled and presliding is not None and not (presliding.distance > 0).all():
         raise ValueError(
             "distance of a continuous arm's presliding must be positive; got"
@@ -159,7 +176,7 @@ def _arm_system(
     fields = Fields(**{name: per_joint() for name in names})
     symbols = ca.SX.sym("state", fields.length(n))
     state = fields.read(symbols, n)
-    # Within the system of the arm: a limit between two systems would be a loop of its own.
+    # The system of the arm contains the limit, so that no separate system of it adds a loop.
     tau = rig.drive.limited(torque)
     following = loop.state_with(torque=tau, **state._asdict())
     for _ in range(steps_per_sample if sampled else 1):
@@ -177,14 +194,15 @@ def _arm_system(
         outputs |= {"q": loop.encoded(state), "link": state.link, "link_speed": state.link_speed}
     # python-control has 0 for continuous time, and None for a system of any time.
     period = rig.period if sampled else 0
-    return _system("arm", symbols, {"asked": torque}, following, outputs, period, names)
+    labels = [label for name in names for label in _labels(name, n)]
+    return _system("arm", symbols, {"asked": torque}, following, outputs, period, labels)
 
 
 def _rig_system(rig: Rig) -> control.NonlinearIOSystem:
     """The encoders, without state; the drives are in the system of the arm."""
     q = ca.SX.sym("q", rig.n)
     none = ca.SX(0, 1)
-    # python-control takes a system without state; its derivative is empty as well.
+    # The encoders have no state, so the state and its derivative are both empty.
     return _system("rig", none, {"q": q}, none, {"pulses": rig.true_counts(q)}, None, ())
 
 
@@ -221,14 +239,17 @@ def _law_system(law: Law, rig: Rig | None) -> control.NonlinearIOSystem:
     # The rate of its state is the derivative of a step by its length, at length zero.
     following = ca.substitute(following, torque, rig.drive.limited(command))
     rate = ca.substitute(ca.jacobian(following, dt), dt, 0)
-    at_start = ca.Function("rate", [state, *inputs.values()], [command, rate])
-    # Tried once at the start, since a division by dt shows in numbers only.
-    results = at_start(block.initial, *[np.zeros(n)] * 4)
-    if not all(np.isfinite(result.full()).all() for result in results):
-        raise ValueError(
-            "a law without a period must have equations that hold for dt = 0; those of"
-            f" {type(law).__name__} do not. Give it a period."
-        )
+    # A step of no length changes no state; one that does, such as of the last pulses, has no rate.
+    jump = ca.substitute(following, dt, 0) - state
+    at_start = ca.Function("rate", [state, *inputs.values()], [command, rate, jump])
+    # Tried at the start, at rest and in motion, since a division by dt shows in numbers only.
+    for motion in (np.zeros(n), np.ones(n)):
+        *results, jumped = (result.full() for result in at_start(block.initial, *[motion] * 4))
+        if not all(np.isfinite(result).all() for result in results) or jumped.any():
+            raise ValueError(
+                "a law without a period must have equations that hold for dt = 0; those of"
+                f" {type(law).__name__} do not. Give it a period."
+            )
     return _system("law", state, inputs, rate, {"asked": command}, 0 if names else None, names)
 
 
@@ -270,11 +291,9 @@ def _system(
     # Each signal has one component per joint, so any input tells their number.
     n = next(iter(inputs.values())).shape[0]
     u = ca.vertcat(*inputs.values())
-    # Common subexpressions once: the inertia matrix is in all accelerations.
+    # `cse` computes common subexpressions once, such as the inertia matrix of all accelerations.
     y = ca.Function("outputs", [state, u], ca.cse([ca.densify(ca.vertcat(*outputs.values()))]))
     f = ca.Function("following", [state, u], ca.cse([ca.densify(following)]))
-    if len(states) != state.shape[0]:
-        states = [label for state_name in states for label in _labels(state_name, n)]
     return control.NonlinearIOSystem(
         (lambda t, x, u, params: f(x, u).full().ravel()) if states else None,
         lambda t, x, u, params: y(x, u).full().ravel(),

@@ -3,7 +3,7 @@
 A hypothesis states one mistake in words and undoes it. Its evidence is how much likelier the log is
 without the mistake. Forward selection accepts the likeliest hypothesis, undoes it, and begins anew.
 
-`Experiment` stands for what a tier examines: a record without an arm (`record.check()`), or a
+`Experiment` stands for what is examined: a record without an arm (`record.check()`), or a
 fitted model with its records (`identify`). The selection is the same for both.
 """
 
@@ -96,9 +96,10 @@ class Hypothesis(Generic[Experiment]):
         `sizes`.
     evidence : callable, optional
         Evidence of its own, where the score has none: ``evidence(experiment, joints)`` gives pairs
-        of a size and its log odds before `against`.
+        of a size and its log odds, from which `against` is not yet subtracted.
     scored : bool
-        Whether the score counts beside evidence of its own; the larger of the two does.
+        Whether the score counts, too, where a hypothesis has evidence of its own: then the larger
+        of the two counts.
     parameter : bool
         Whether the mistake is a number of the model that an identification estimates. A correction
         that the log cannot distinguish from it is not advised.
@@ -148,7 +149,17 @@ class Hypothesis(Generic[Experiment]):
     measurement: str = ""
 
     def __post_init__(self) -> None:
-        # Here, not when the mistake is reported: its author sees the error.
+        # Check the fields here, so that the author of the hypothesis sees the error.
+        if not isinstance(self.sizes, tuple) or not self.sizes:
+            raise ValueError(
+                f"hypothesis {self.name!r}: sizes must be a tuple of at least one number; got"
+                f" {self.sizes!r:.60}. Write a single one as (2.0,)."
+            )
+        if self.tolerance is not None and not self.tolerance > 0:
+            raise ValueError(
+                f"hypothesis {self.name!r}: tolerance must be positive; got {self.tolerance!r:.60}."
+                " Leave it out for a size that needs no spread."
+            )
         for field in ("undo", "scope", "suggested", "evidence"):
             function = getattr(self, field)
             # Only what a row can do without may be None.
@@ -161,7 +172,7 @@ class Hypothesis(Generic[Experiment]):
         for text in (self.sentence, self.remedy):
             try:
                 text.format(**sample)
-            except (ValueError, LookupError, AttributeError) as error:
+            except (ValueError, LookupError, AttributeError, TypeError) as error:
                 raise ValueError(
                     f"hypothesis {self.name!r}: expected text with fields among"
                     f" {', '.join(SENTENCE_FIELDS)}; got {text!r} ({error}). Use one of these"
@@ -201,7 +212,7 @@ class Candidate(NamedTuple):
 
 @kept
 class Rival(NamedTuple):
-    """A cause that the log distinguishes less clearly from the first: its name, joints, odds."""
+    """Another cause that may explain the log: its name, joints, size, odds and measurement."""
 
     name: str
     joints: Joints
@@ -240,10 +251,11 @@ class Cause(Shown):
     check : str
         Name of the check whose finding shows the cause.
     certain : bool
-        Whether its correction may be applied: no rival is a parameter of the model.
+        Whether its correction may be applied: the cause is a parameter of the model, or no rival
+        is one.
     behind : str
-        Name of a mistake that the log still had when this cause was found, which may be an effect
-        of it; empty without one.
+        Name of a mistake that the log still had when this cause was found. This cause may be an
+        effect of that mistake. Empty without one.
     """
 
     name: str
@@ -283,7 +295,7 @@ class Cause(Shown):
     @property
     def line(self) -> str:
         """What is wrong with which odds, what else it may be, and what to do, as one line."""
-        sentence = f"{self.sentence} (odds {self.odds})"
+        sentence = f"{self.sentence.rstrip('.')} (odds {self.odds})"
         # One full stop after each part, whether its author wrote one or not.
         parts = (sentence, self.doubt.rstrip("."), self.remedy.rstrip("."))
         return "".join(f"{part}. " for part in parts if part).rstrip()
@@ -296,8 +308,8 @@ class Cause(Shown):
         # One mistake at several joints is one name in the sentence.
         names = ", ".join(dict.fromkeys(rival.name for rival in self.rivals))
         measurements = dict.fromkeys(rival.measurement for rival in self.rivals)
-        advice = " ".join(measurement for measurement in measurements if measurement)
-        return f"The log cannot distinguish this from: {names}. {advice}".rstrip()
+        advice = "".join(f" {text.rstrip('.')}." for text in measurements if text)
+        return f"The log cannot distinguish this from: {names}.{advice}"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -328,7 +340,7 @@ SELECTION = SelectionSettings()
 
 @dataclass(frozen=True)
 class Ranking(Generic[Experiment]):
-    """The accepted causes, the likeliest first, and the experiments without them.
+    """The accepted causes, in the order of acceptance, and the experiments without them.
 
     Attributes
     ----------
@@ -348,7 +360,7 @@ class Ranking(Generic[Experiment]):
 
     @property
     def corrected(self) -> Experiment:
-        """The experiment without all accepted causes."""
+        """The experiment without the accepted causes that are certain."""
         return self.experiments[-1]
 
 
@@ -376,7 +388,7 @@ def ranking(
     def accept(ranked: list[Candidate]) -> Experiment | None:
         causes.append(_cause(ranked, labels, settings))
         accepted.append(ranked[0].hypothesis)
-        # What may be a parameter of the model is left to an identification.
+        # A rival is a parameter of the model: an identification must decide, so nothing is undone.
         if not causes[-1].certain:
             return None
         experiments.append(ranked[0].corrected())
@@ -400,7 +412,11 @@ def select(
     limit = settings.accepted
     # A log with more mistakes than that is judged anew after the first ones are corrected.
     for _ in range(settings.causes):
-        ranked = sorted(candidates(experiment), key=lambda candidate: -candidate.log_odds)
+        # Evidence of a user's own may be no number; it would hide all others in the order.
+        numbers = [
+            candidate for candidate in candidates(experiment) if not np.isnan(candidate.log_odds)
+        ]
+        ranked = sorted(numbers, key=lambda candidate: -candidate.log_odds)
         if not ranked or not ranked[0].log_odds > limit:
             return
         # Traces of a mistake grow with its own evidence, so the limit of the next one does, too.

@@ -1,8 +1,8 @@
 """Oscillation of the loop itself: lasting errors at a frequency that the reference lacks.
 
-A stable loop rings after each reversal of friction, and stays below its tracking error. A loop that
-is unstable, by a lag of its currents or by elastic gears, oscillates ever wider, or until friction
-or the amplifier limit it.
+The ringing of a stable loop after each reversal of friction stays below its tracking error. A loop
+that is unstable, by a lag of its currents or by elastic gears, oscillates ever wider, or until
+friction or the amplifier limits the oscillation.
 """
 
 import functools
@@ -33,21 +33,23 @@ class OscillationSettings:
     slowest : float
         Least frequency [Hz] of an oscillation.
     segments : int
-        Segments of the log, in whose median the error oscillates.
+        Number of segments of the log. The size of an oscillation is the median of their RMS.
     share_of_slow : float
-        RMS of an oscillation [RMS of the slow error]. In 40 logs of stable P loops it is at most
-        0.55.
+        Least RMS of an oscillation, relative to the RMS of the slow error. In 40 logs of stable P
+        loops this ratio is at most 0.55.
     counts : float
         Least RMS of an oscillation [counts].
     peak : float
-        Power of its peak [median power of the fast frequencies]; noise reaches 3.
+        Least power of the peak, relative to the median power of the fast frequencies. The ratio of
+        noise reaches 3.
     averaged : int
         Lines of the spectrum over which that power is averaged.
     grown : float
-        RMS in the last third of the log [that in the first] from which on the oscillation grows.
+        RMS in the last third of the log, relative to that in the first, above which the oscillation
+        grows.
     decayed : float
-        The same ratio below which the start excited it: such a loop has little damping, and is
-        stable.
+        The same ratio, below which the start of the log excited the oscillation: such a loop has
+        little damping, and is stable.
     flares : float
         RMS after reversals of the load [that before them] from which on a gear has backlash; logs
         without backlash have 0.9 to 1.3.
@@ -104,17 +106,18 @@ def oscillation_findings(signals: Signals, share: float = 1.0) -> Iterator[Findi
 def own_oscillations(record, share: float = 1.0) -> list[float]:
     """Frequencies [Hz] at which joints of the loop of a `Record` oscillate.
 
-    They have at least this share of the size at which a finding reports them.
+    Each oscillation has at least this share of the size from which on a finding reports it.
     """
     findings = oscillation_findings(Signals(record), share)
     return [finding.value for finding in findings if not finding.ok and finding.value is not None]
 
 
 class _Swings(NamedTuple):
-    """Error (M,) of a joint [pulses] above the frequencies of its reference; its slow part.
+    """Error of a joint, split at a frequency above those of its reference.
 
-    `load`: slow part (M,) of the torque, or of the error without a torque. `frequency`: that of the
-    highest peak of the fast error [Hz]. `clear`: whether that peak stands out.
+    `fast`, `slow`: parts (M,) of the error above and below that frequency [pulses]. `load`: slow
+    part (M,) of the torque, or of the error without a torque. `frequency`: that of the highest line
+    of the fast error [Hz]. `clear`: whether the averaged spectrum has a peak that stands out.
     """
 
     fast: Floats
@@ -125,7 +128,7 @@ class _Swings(NamedTuple):
 
 
 def _swings(signals, i):
-    """Swings of a joint; None where the reference is as fast as the samples show."""
+    """Swings of a joint; None where its spectrum has too few fast lines."""
     reference = signals.even(signals.reference[:, i])
     error = signals.even((signals.reference - signals.counts)[:, i])
     frequency, power = spectrum(error, signals.interval)
@@ -140,8 +143,10 @@ def _swings(signals, i):
 
     # 2. A peak among them, averaged so that a single noisy line is none.
     kernel = np.ones(SETTINGS.averaged) / SETTINGS.averaged
-    averaged = np.convolve(power, kernel, mode="same")
-    clear = averaged[fast].max() > SETTINGS.peak * np.median(averaged[fast])
+    # Of the fast lines alone: a mean across the limit would contain slow ones.
+    averaged = np.convolve(power[fast], kernel, mode="same")
+    peak = np.argmax(averaged)
+    clear = averaged[peak] > SETTINGS.peak * np.median(averaged)
 
     def part(values, lines):
         return np.fft.irfft(np.fft.rfft(values) * lines, len(error))
@@ -153,9 +158,16 @@ def _swings(signals, i):
         fast=part(deviation, fast),
         slow=part(deviation, ~fast),
         load=part(load, ~fast),
-        frequency=frequency[np.argmax(power * fast)],
+        # The highest line of that peak.
+        frequency=frequency[fast][_highest_near(power[fast], peak)],
         clear=bool(clear),
     )
+
+
+def _highest_near(power, peak):
+    """Place of the highest line within the mean at a peak."""
+    begin = max(peak - SETTINGS.averaged // 2, 0)
+    return begin + np.argmax(power[begin : peak + SETTINGS.averaged // 2 + 1])
 
 
 def _oscillation(signals, i, share):
@@ -163,7 +175,7 @@ def _oscillation(signals, i, share):
     check = Check(_NAME, i, "pulses")
     swings = _swings(signals, i)
     if swings is None:
-        return check.unknown("the reference is as fast as the samples show")
+        return check.unknown("the log is too short, or its reference too fast, to show one")
     # The median over segments leaves out an event in one part of the log.
     segments = np.array([_rms(part) for part in np.array_split(swings.fast, SETTINGS.segments)])
     size = np.median(segments)
@@ -207,13 +219,14 @@ def _oscillation(signals, i, share):
 def _flares(signals):
     """RMS of the fast error after the load of a joint changes sign, relative to that before.
 
-    The median over the reversals of all joints; those of the speed are left out, since there
-    friction changes sign, too. It is 1 with too few reversals.
+    The result is the median over the reversals of the load of all joints. A reversal of the load
+    near a reversal of the speed is left out, since friction changes sign there, too. With too few
+    reversals the result is 1.
     """
     ratios = []
     for i in range(signals.n):
         swings = _swings(signals, i)
-        # A joint at rest has no swings, and none of any frequency.
+        # Skip a joint with too few fast lines, and one of frequency 0, which has no fast error.
         if swings is None or not swings.frequency:
             continue
         fast = swings.fast

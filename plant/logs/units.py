@@ -1,6 +1,6 @@
 """Units of logged columns: checks of the stated units against the rig, and conversion to counts.
 
-Fields in the units of a record, on its side of the gear: counts of angles, torques of the joints.
+A record holds positions in counts, torques on the joints' side of the gear, and currents in ampere.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -20,7 +20,7 @@ from plant.parts.settings import frozen_settings
 # Of a field: one unit, or one per joint where some joints turn and others slide.
 Unit: TypeAlias = str | tuple[str, ...]
 
-# of them in a second: a quotient of whole numbers is rounded once
+# Number of each unit in a second. Dividing a whole number by it rounds only once.
 TIME = {"s": 1.0, "ms": 1e3, "us": 1e6, "ns": 1e9}
 # radians of each
 ANGLE = {
@@ -117,7 +117,7 @@ def factors(unit: Unit) -> float | Floats:
 
 
 def require_unit(field: str, units: tuple[str, ...]) -> None:
-    """Refuse one unit per joint where all joints have the same."""
+    """Refuse one unit per joint if any of these units is not a unit of the joints themselves."""
     # Only units of the joints themselves may differ: pulses and motor units are the same for
     # revolute and prismatic joints.
     if not _PER_JOINT.issuperset(units):
@@ -211,7 +211,8 @@ def require_limit(
 ) -> None:
     """Refuse torques or currents (N, n) far above the amplifier's limit (n,), on the same side.
 
-    `alternatives` are factors (n,) from the value as stated to its value in other units.
+    `alternatives` maps other units to factors. A factor, one number or (n,), times the value is
+    what the value would be if the log were in that unit.
     """
     peak = np.abs(value).max(axis=0)
     if (peak <= CHECKS.limit_factor * limit).all():
@@ -232,12 +233,12 @@ def require_limit(
 
 
 REFERENCE = ("reference_pulses", "reference_position", "reference_motor_position")
-# A float64 stores every integer up to this exactly; larger counts have lost their last pulses.
+# Below this a float64 holds every count; the next count rounds to it, and loses its last pulse.
 _EXACT = 2.0**53
 
 
 def converted(field: str, value: NDArray[Any], unit: Unit, rig: Rig) -> dict[str, Floats]:
-    """One field of the record, in its units and on its side."""
+    """One logged field under the record's name, in the record's unit and side of the gear."""
     if field in ("torque", "injected"):
         limit = rig.drive.torque_limit()
         gear = rig.drive.gear
@@ -264,7 +265,9 @@ def converted(field: str, value: NDArray[Any], unit: Unit, rig: Rig) -> dict[str
         return {"current": value}
     if field == "link_position":  # another sensor, of a resolution of its own
         absent = np.isnan(value)  # a motor that turns several joints is known by all of them
-        pulses = rig.position_in_pulses(np.where(absent, 0.0, value * factors(unit)))
+        angle = np.where(absent, 0.0, value * factors(unit))
+        require_span(field, angle, unit, rig.joint_labels, list)
+        pulses = rig.position_in_pulses(angle)
         # A coupled motor has no link reading if one of the joints that it turns has none: the
         # conversion of the mask spreads the absence to its column.
         return {
@@ -280,7 +283,8 @@ def converted(field: str, value: NDArray[Any], unit: Unit, rig: Rig) -> dict[str
         else "counts"
     )
     if unit == "pulses":
-        # A commanded position may lie between two pulses, measured counts may not.
+        # Only 'reference_position' may lie between two pulses; all other fields must be whole,
+        # unless the encoder is smooth.
         is_position = field == "reference_position"  # between two pulses, too
         return {
             name: rig.encoder.quantised(value.astype(float))
@@ -299,11 +303,11 @@ def converted_angle(field: str, value: NDArray[Any], unit: Unit, rig: Rig) -> Fl
 
 
 def path_through(t: Floats, q: Floats, counts: Floats, rig: Rig) -> Reference | None:
-    """Spline through positions (N, n) [rad] at times (N,); None where the counts say as much.
+    """Spline through positions (N, n) [rad] at times (N,), or None if no path is to be built.
 
-    That is so of positions that are whole pulses already, of motions that are not smooth from
-    sample to sample, and of more samples than a path is to hold. Until the first of the times,
-    which may be later than 0, the spline stays at its first point.
+    The result is None if the positions are whole pulses already, if the motion is not smooth from
+    sample to sample, or if there are too few or too many samples. Until the first time, which may
+    be later than 0, the spline stays at its first point.
     """
     if (
         not PATH.min_samples <= len(t) <= PATH.max_samples
@@ -329,14 +333,18 @@ def _whole(field: str, value: NDArray[Any], rig: Rig) -> Floats:
     value = value.astype(float)
     if rig.encoder.smooth:
         return value
-    # Above 2**53 a fraction can no longer be seen, so such counts are refused as well.
-    broken = np.argwhere((value != np.trunc(value)) | (np.abs(value) > _EXACT))
+    # Above 2**53 a float64 cannot hold every count, so such counts are refused as well.
+    broken = np.argwhere((value != np.trunc(value)) | (np.abs(value) >= _EXACT))
     if len(broken):
         got = (
             f"got {value[tuple(broken[0])]:g} in row {broken[0][0]},"
             f" {rig.joint_labels[broken[0][1]]}"
         )
-        advice = "Map angles as 'position', with their unit."
+        advice = f"Map angles as {field!r} in 'rad' or 'deg', not in 'pulses'."
+        if "position" not in field:
+            advice = "Map angles as 'position', with their unit."
+        if field == "error_pulses":
+            advice = "Map the positions and the reference in its place."
         if field == "reference_pulses":
             advice = "Map it as 'reference_position', with its unit, 'pulses' or that of an angle."
         raise ValueError(f"{field!r} must be whole pulses; {got}. {advice}")
@@ -390,7 +398,10 @@ def _counted(field: str, value: NDArray[Any], unit: Unit, rig: Rig) -> Floats:
 def _readings(
     field: str, value: NDArray[Any], unit: Unit, rig: Rig
 ) -> Iterator[tuple[tuple[str, Unit], Floats]]:
-    """Measured positions in pulses, as they would be in other units and of the other shaft."""
+    """Yield each field and unit in which `value` may be logged, with its positions in pulses.
+
+    References, smooth encoders and fields with one unit per joint yield nothing.
+    """
     if field in REFERENCE or rig.encoder.smooth or not isinstance(unit, str):
         return
     motor = "motor" in field
@@ -409,7 +420,10 @@ def _readings(
 
 
 def _is_motion(position: Floats) -> bool:
-    """Whether positions in pulses (N, n) move, and are whole pulses wherever they do."""
+    """Whether positions in pulses (N, n) move, and each moving joint is on the grid of `on_grid`.
+
+    Each moving joint must move by at least `CHECKS.min_motion`.
+    """
     moved = np.ptp(position, axis=0)
     moving = moved > 0
     enough = moving.any() and (moved[moving] >= CHECKS.min_motion).all()

@@ -81,7 +81,7 @@ def tally(rig: Rig) -> ca.Function:
     data = DATA.read(data_symbols, n)
     memory = MEMORY.read(memory_symbols, n)
 
-    # Samples before the errors count give no error and no change of the torque.
+    # While the loop settles, a sample adds neither an error nor a change of the torque.
     counts = data.counts
     error = counts * ca.fabs(log.error)
     position = log.motor if elastic and rig.encoder.side != "link" else log.q
@@ -107,13 +107,13 @@ def tally(rig: Rig) -> ca.Function:
 @kept
 @frozen
 class Runs(Frozen):
-    """Results of P runs of n joints, (P, n) or (P,), of which `samples` count.
+    """Results of P runs of n joints, (P, n) or (P,); in each run `samples` samples count.
 
     Errors and chatter of a loop that diverged are inf.
     """
 
-    # Largest encoder error, magnitude, and the same before the encoder rounds, seen from its own
-    # zero, at the samples [pulses].
+    # Largest magnitude, at the samples, of the encoder error, and of the error before the encoder
+    # rounds, counted from the encoder's zero [pulses].
     peak: Floats
     unrounded: Floats
     # Samples outside the limit.
@@ -135,7 +135,7 @@ class Runs(Frozen):
 
     @classmethod
     def joined(cls, several: "Sequence[Runs]") -> "Runs":
-        """Runs of the same plants on several references, as if one reference followed the other."""
+        """Runs of the same plants on several references; `first` is the least of their times."""
         columns = {
             field.name: np.array([getattr(runs, field.name) for runs in several])
             for field in fields(cls)
@@ -156,8 +156,8 @@ class Runs(Frozen):
 _Block = tuple[Floats, NDArray[np.int64]]
 """Final states (W, s) of the loops that run side by side, and their lost counts (W,)."""
 
-# Populations that a worker process has built, by a name that is new for each. A population is sent
-# as its arguments, and built once for all blocks that the worker gets.
+# Populations that a worker process has built, by a random name that is new for each call of `run`.
+# A call sends the arguments of its population; a worker builds it once for all blocks of the call.
 _BUILT: dict[str, Any] = {}
 
 
@@ -165,10 +165,10 @@ class Population:
     """Plants (or laws) that differ in numbers, on one reference, ready to run.
 
     Arm, rig, law and reference give the structure and the common numbers, `names` the numbers of
-    the closed loop that differ, with `values` (P, L). Errors are held against `within` [pulses],
-    from `after` [s] on. They start at `initial` (2, n) [rad, rad/s], by default that of the
-    reference. `lost` gives, for (block, width, steps), whether the counts of each step of the law
-    are lost, (steps, width).
+    the closed loop that differ, with `values` (P, L). Errors above `within` [pulses] count from
+    `after` [s] on. The loops start at `initial` (2, n) [rad, rad/s], by default the start of the
+    reference. `lost(block, width, steps)` returns (steps, width): whether a loop loses its counts
+    at a step of the law.
     """
 
     def __init__(
@@ -200,7 +200,7 @@ class Population:
             "initial": initial,
             "lost": lost,
         }
-        # The score reads the counts of an encoder without phase, and of every sample.
+        # The score is built without transport and without the phase, which `_runs` subtracts.
         encoder = replace(rig.encoder, phase=None)
         loop = ClosedLoop(
             dynamics=arm.dynamics,
@@ -215,14 +215,14 @@ class Population:
         self._names = tuple(names)
         self._values = values
         self._lost = lost
-        # The change of the torque at the start is none of the loop's.
+        # The first sample has no torque before it, so `_changes` leaves it out.
         counts = clock.t >= after - 1e-9 * rig.period
         self.samples = int(counts.sum())
         self._changes = int(counts[1:].sum())
         self._times = time_tables(loop, path, clock)
         self.law_steps = len(self._times[0])
         self._steps = len(self._times[2])
-        # Which loops lose their counts differs, too; `_block` has the reason for its bit.
+        # The losses of the loops differ, too; `_block` explains `transport.bit`.
         varied = [*names, "transport.bit"] if lost else names
         self._lanes = [loop.number_names.index(name) for name in varied]
         self._kernel = loop_kernel(loop, self._lanes)
@@ -331,7 +331,7 @@ class Population:
 
 
 def _blocks(name, arguments, part):
-    """Some blocks of a population in a worker process: the number of the first, and all values."""
+    """Run blocks of a population in a worker; `part` is the first block's number and the values."""
     begin, values = part
     # A worker keeps the last four populations.
     while name not in _BUILT and len(_BUILT) >= 4:

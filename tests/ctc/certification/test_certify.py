@@ -444,6 +444,17 @@ def test_a_sensitivity_is_found_whatever_its_shape():
     assert all(each.share == 0 for each in influences("abcd", values[:30], noise[:30]))
 
 
+def test_a_number_of_two_values_has_two_groups_and_a_constant_no_direction():
+    random = np.random.default_rng(0)
+    values = np.column_stack([random.integers(0, 2, 200), np.ones(200)])
+    # A dependence that the chance of ten groups would hide.
+    peaks = values[:, 0] + 2.2 * random.normal(size=200)
+    rows = {row.name: row for row in influences("ab", values, peaks)}
+    variance = np.corrcoef(values[:, 0], np.argsort(np.argsort(peaks)))[0, 1] ** 2
+    assert rows["a"].share == pytest.approx(variance, abs=0.01)
+    assert (rows["b"].share, rows["b"].direction) == (0, 0)
+
+
 def test_reserves(monkeypatch):
     """Bandwidth and period at which the same plants, run by hand, begin to leave."""
     module = ctc.certification.reserves
@@ -480,6 +491,15 @@ def test_reserves(monkeypatch):
     assert found.tried[-1] == ("period", slow.period, late)
     assert found.period == (RIG.period if late else slow.period)
     assert f"holds down to {found.bandwidth:.4g} rad/s" in str(found)
+    continuous = dataclasses.replace(found, bandwidth=None, period=None)
+    assert str(continuous).startswith("It holds as it is.")
+
+
+def test_a_share_of_plants_is_counted_without_the_rounding_of_its_product():
+    """0.29 of 100 is 28.999999999999996 in floating point."""
+    numbers = {"holds": True, "bandwidth": None, "period": None, "tried": []}
+    found = ctc.certification.reserves.Reserves(samples=100, allowed=0.29, **numbers)
+    assert "at most 29 of 100 plants" in str(found)
     failing = certified(samples=40).reserves(samples=40)
     assert not failing.holds
     assert failing.bandwidth is failing.period is None

@@ -21,6 +21,7 @@ from model_texts import urdf
 
 import ctc.commandline.commands as commands
 from ctc import Certificate
+from ctc.commandline.commands import COMMANDS
 from ctc.commandline.inputs import Answer, path_of, records_of
 from ctc.commandline.main import main
 from ctc.commandline.words import in_the_shell
@@ -816,3 +817,20 @@ def test_a_process_of_its_own(folder):
     )  # fmt: skip
     assert (done.returncode, done.stderr) == (0, "")
     assert "fine" in done.stdout
+
+
+def test_an_answer_that_no_json_can_hold_is_a_defect_and_no_bad_input(monkeypatch, capsys):
+    monkeypatch.setitem(COMMANDS, "robots", lambda options: Answer("", {"x": np.nan}, True))
+    assert main(["robots", "--json"]) == 3
+    assert "defect of the library" in capsys.readouterr().err
+
+
+def test_bytes_that_are_no_characters_are_printed_as_question_marks(monkeypatch, capsysbinary):
+    monkeypatch.setitem(COMMANDS, "robots", lambda options: Answer("a\udcffb", {}, True))
+    assert main(["robots"]) == 0
+    assert capsysbinary.readouterr().out == b"a?b\n"
+
+
+def test_without_standard_output_the_exit_code_is_that_of_the_verdict(monkeypatch):
+    monkeypatch.setattr("sys.stdout", None)
+    assert main(["robots"]) == 0

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from ctc import Adaptive, ComputedTorque, FeedForward, PayloadEstimator
+from identification.payload.kernel_estimate import KERNEL
 from plant import PD, Body, Guards, Harmonics, SteppedArm, puma560, read_robot
 
 ARM, RIG, PATH = puma560.arm(), puma560.rig(), puma560.reference()
@@ -164,6 +165,21 @@ def test_a_reset_begins_with_the_prior():
     assert controller.events == []
     assert controller.load.mass == 2.5
     assert controller.stage == "settling"
+
+
+@pytest.mark.parametrize(("prior", "mass"), [(None, 4.5), (4.0, 4.0), (4.8, 4.8)])
+def test_the_prior_has_the_mass_that_is_stated_in_a_range_that_does_not_begin_at_zero(prior, mass):
+    estimator = PayloadEstimator(LAW, mass=(4, 5), position=PLACE, prior=prior, beside=False)
+    assert estimator.prior.mass == pytest.approx(mass)
+
+
+def test_the_shortest_window_that_a_refusal_names_is_taken():
+    rig = dataclasses.replace(RIG, period=3 * KERNEL / 100.25)
+    law = ComputedTorque(ARM, rig, bandwidth=60)
+    with pytest.raises(ValueError, match="window") as refusal:
+        PayloadEstimator(law, position=PLACE, window=0.9 * 3 * KERNEL, beside=False)
+    least = float(re.search(r"at least (\S+) s", str(refusal.value)).group(1))
+    PayloadEstimator(law, position=PLACE, window=least, beside=False)
 
 
 @pytest.mark.parametrize(

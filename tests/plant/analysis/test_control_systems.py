@@ -6,6 +6,7 @@ import warnings
 import numpy as np
 import pytest
 from closed_loops import NoTorque, SampledP, without_friction
+from demands import one_joint
 
 from ctc import ComputedTorque
 from plant import Law, StatelessLaw, number, part, puma560, simulate, to_control
@@ -177,9 +178,19 @@ class Differencing(Law):
         return (pulses - state) / dt, pulses
 
 
+@part
+class LastPulses(Differencing):
+    """A state that jumps in a step of no length."""
+
+    def equations(self, rig, state, setpoint, pulses, torque, dt):
+        return pulses - state, pulses
+
+
 @pytest.mark.parametrize(
     ("call", "said"),
     [
+        (lambda: to_control(LastPulses(), RIG), "hold for dt = 0; those of LastPulses do not"),
+        (lambda: to_control(RIG, RIG), "rig is for arms and laws"),
         (lambda: to_control(ARM, sampled=True), "rig must be given for a sampled arm"),
         (lambda: to_control(ARM, PATH), "rig must be of type Rig"),
         (lambda: to_control(ARM, RIG, samled=True), "Did you mean 'sampled'"),
@@ -204,3 +215,10 @@ def test_a_sampled_law_with_a_continuous_arm_is_refused_by_python_control():
         with pytest.raises(ValueError, match=r"(?i)time ?base"):
             joined(ComputedTorque(ARM, RIG), RIG, to_control(ARM, RIG))
     assert to_control(NoTorque(), RIG).dt is None
+
+
+@pytest.mark.parametrize("with_rig", [False, True])
+def test_the_states_of_a_single_joint_have_its_number(with_rig):
+    arm, _, rig = one_joint()
+    system = to_control(arm, rig if with_rig else None)
+    assert system.state_labels == ["q[0]", "qd[0]"]

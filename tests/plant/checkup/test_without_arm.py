@@ -20,7 +20,7 @@ from plant import (
     simulate,
 )
 from plant.checkup import score, undo
-from plant.checkup.hypothesis import each_joint
+from plant.checkup.hypothesis import Cause, Rival, each_joint
 
 RIG = puma560.rig()
 PATH = Harmonics(
@@ -429,3 +429,32 @@ def test_a_drive_without_a_limit_has_no_share_of_it(record):
     drive = dataclasses.replace(record.rig.drive, current_limit=(np.inf, np.inf))
     endless = dataclasses.replace(record, rig=dataclasses.replace(record.rig, drive=drive))
     assert endless.check().causes == ()
+
+
+@pytest.mark.parametrize(
+    "fields", [{"sizes": 2.0}, {"sizes": ()}, {"tolerance": 0.0}, {"sentence": "{value[0]} times"}]
+)
+def test_numbers_of_a_hypothesis_are_tried_where_it_is_written(fields):
+    with pytest.raises(ValueError, match="mine"):
+        Hypothesis(**({"undo": lambda record, joints, size: record} | WORDS | fields))
+
+
+def test_evidence_that_is_no_number_hides_no_other_cause(record):
+    odd = Hypothesis(
+        undo=lambda record, joints, size: with_torque(record, 2 * record.torque),
+        evidence=lambda experiment, joints: [(1.0, np.nan)],
+        **WORDS,
+    )
+    checkup = with_torque(record, -record.torque).check(hypotheses=[odd])
+    assert checkup.causes[0].name == "turned torque of all joints"
+
+
+def test_a_sentence_with_a_full_stop_gets_no_second_one():
+    words = {"name": "x", "joints": (), "size": 1.0, "unit": "", "log_odds": 9.0}
+    rival = Rival("y", (), 1.0, 8.0, "Weigh it.")
+    other = Rival("z", (), 1.0, 8.0, "Log slowly")
+    cause = Cause(sentence="It is odd.", remedy="Mend it.", rivals=(rival, other), **words)
+    assert cause.line == (
+        "It is odd (odds 1e4). The log cannot distinguish this from: y, z. Weigh it. Log slowly."
+        " Mend it."
+    )

@@ -651,3 +651,27 @@ def test_columns_that_are_mapped_the_other_way_round_are_called_so():
         Record.from_table(
             {"time": [0.0, 1.0], "q1": [0.0, 1.0]}, rig=RIG, columns={"time": "t", "q1": "position"}
         )
+
+
+def test_a_second_sensor_that_spans_more_than_a_joint_is_refused():
+    """Degrees that are stated as rad are 14 turns, of a sensor on a link as well."""
+    table = {
+        "counts": np.zeros((7, 2), int),
+        "link": np.linspace(0, 90, 7)[:, None] * [1, 1],
+    }
+    with pytest.raises(ValueError, match="link_position .* 'deg' or"):
+        Record.from_table(
+            table,
+            rig=RIG,
+            columns={"counts": "counts", "link_position": "link"},
+            units={"link_position": "rad"},
+            reference=puma560.reference(),
+        )
+
+
+def test_a_count_that_a_float_cannot_hold_is_refused():
+    counts = np.full((7, 2), 2**53 + 1)
+    with pytest.raises(ValueError, match="whole pulses"):
+        Record.from_table(
+            {"counts": counts}, rig=RIG, columns={"counts": "counts"}, reference=puma560.reference()
+        )
