@@ -13,15 +13,15 @@ from ctc.certification.plants import Plants
 from ctc.laws.computed_torque import ComputedTorque
 from ctc.verdict.on_gears import with_gears
 from plant import Elasticity, Reference
-from plant.parts import frozen_settings
+from plant.parts import Floats, frozen_settings
 from plant.simulation.population import Runs
 
 
 class KnownGears(NamedTuple):
     """Result of computed torque with gears of resonance `hz` [Hz] in its model, on samples near it.
 
-    The bandwidth is the one with the fewest failures; among equals, the one whose worst joint
-    chatters least.
+    The bandwidth is the one with the fewest failures; among equals, the one with the least mean
+    chatter in shares of each joint's torque.
 
     `left` of the `of` samples exceed the limit. `chatter` is the mean chatter of each joint over
     the samples [N m, or N].
@@ -71,13 +71,15 @@ def with_known_gears(
     plants: Plants,
     motions: tuple[tuple[Reference, float], ...],
     options: dict[str, Any],
+    scale: Floats,
     threads: int,
 ) -> tuple[KnownGears, ...]:
     """Try computed torque with known gears at several resonances of the range.
 
     The result is empty unless all joints share one wide range of resonances. If each joint had a
     range of its own, few samples would have nearly the same gears in all joints. A resonance with
-    too few samples near it is left out. `options` are those of `Population`.
+    too few samples near it is left out. `options` are those of `Population`;
+    `scale` (n,) is the torque to which a joint's chatter is compared.
     """
     ranges: tuple[tuple[float, float], ...] = plants.uncertainty.resonance or ()
     if len(ranges) != 1 or ranges[0][1] < SETTINGS.wide * ranges[0][0]:
@@ -96,7 +98,7 @@ def with_known_gears(
             laws = _with_gears(plants, rows, hz, motions[0][0])
         except ValueError:
             continue  # no computed torque can have these gears in its model
-        tried.append(_tried(plants, laws, rows, hz, motions, options, threads))
+        tried.append(_tried(plants, laws, rows, hz, motions, options, scale, threads))
     return tuple(tried)
 
 
@@ -112,7 +114,7 @@ def _with_gears(plants, rows, hz, reference):
     return [ComputedTorque(arm, rig, bandwidth=bandwidth) for bandwidth in SETTINGS.bandwidths]
 
 
-def _tried(plants, laws, rows, hz, motions, options, threads):
+def _tried(plants, laws, rows, hz, motions, options, scale, threads):
     """The best of these laws on the samples (r,) near their resonance [Hz]."""
     names, values = plants.numbers()
     results = []
@@ -129,4 +131,5 @@ def _tried(plants, laws, rows, hz, motions, options, threads):
         left = int((runs.outside > 0).sum())
         chatter = tuple(runs.chatter.mean(axis=0).tolist())
         results.append(KnownGears(float(hz), left, len(rows), chatter))
-    return min(results, key=lambda result: (result.left, max(result.chatter)))
+    # Joints of any size, and of other units, count alike.
+    return min(results, key=lambda result: (result.left, np.mean(result.chatter / scale)))

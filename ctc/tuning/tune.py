@@ -256,7 +256,9 @@ def _known_gears(
     simulated = common["options"] | {"steps_per_sample": SETTINGS.check_steps}
     gears: tuple[KnownGears, ...] = stages.stage(
         "known gears",
-        lambda: with_known_gears(fresh, common["motions"], simulated, task.threads),
+        lambda: with_known_gears(
+            fresh, common["motions"], simulated, common["scale"], task.threads
+        ),
     )
     return gears
 

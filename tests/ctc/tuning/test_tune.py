@@ -4,6 +4,7 @@ holds.
 
 import dataclasses
 import signal
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,10 +13,11 @@ from uncertain import with_uncertainty
 from ctc import ComputedTorque, ComputedTorqueSettings, Uncertainty, certify, tune
 from ctc.certification.certified import clopper_pearson
 from ctc.certification.samples import draw
-from ctc.tuning.known_gears import KnownGears, with_known_gears
+from ctc.tuning.known_gears import KnownGears, _tried, with_known_gears
 from ctc.tuning.search import SearchSettings, Tunings
 from ctc.tuning.tuning import families
 from plant import puma560, simulate
+from plant.simulation.population import Runs
 
 ARM, RIG, PATH = puma560.literature_arm(1.5), puma560.rig(), puma560.reference()
 START = PATH([0.0]).q[0]
@@ -397,12 +399,36 @@ def test_it_says_what_known_gears_would_gain(tuning):
         assert "elasticity=True" not in text_of(dataclasses.replace(tuning, known_gears=(other,)))
 
 
+@pytest.mark.parametrize(("scale", "bandwidth"), [((10.0, 0.1), "low"), ((0.1, 10.0), "high")])
+def test_chatter_of_joints_counts_in_shares_of_their_torque(scale, bandwidth):
+    """A large joint, or one that slides, has more newton metres, and no more weight."""
+    chatters = {"low": [[3.0, 0.1]], "high": [[1.0, 1.0]]}
+
+    def under(law, *_, **__):
+        runs = Runs(
+            peak=np.ones((1, 2)),
+            unrounded=np.ones((1, 2)),
+            outside=np.zeros(1, int),
+            current=np.ones((1, 2)),
+            chatter=np.array(chatters[law]),
+            first=np.full(1, np.nan),
+            before=np.zeros(1, int),
+            lost=np.zeros(1, int),
+            samples=10,
+        )
+        return SimpleNamespace(run=lambda threads: runs)
+
+    plants = SimpleNamespace(numbers=lambda: ((), np.zeros((1, 0))), under=under)
+    best = _tried(plants, ["low", "high"], [0], 40.0, ((PATH, 0.4),), {}, np.array(scale), 1)
+    assert best.chatter == tuple(chatters[bandwidth][0])
+
+
 def test_known_gears_are_tried_over_a_wide_range_of_all_joints():
     """The samples of a place have its resonance, and their controller its gears."""
     options = {"within": 1, "after": 0.02, "steps_per_sample": 4}
     wide = Uncertainty(resonance=(30, 90), friction=0.02, covariance=STATED["covariance"])
     plants = draw(wide, ARM, RIG, 400, 5, START)
-    low, _, high = with_known_gears(plants, ((PATH, 0.4),), options, 2)
+    low, _, high = with_known_gears(plants, ((PATH, 0.4),), options, np.ones(ARM.n), 2)
     assert 30 < low.hz < 33
     assert 82 < high.hz < 90
     assert 20 <= low.of < 60
@@ -413,4 +439,9 @@ def test_known_gears_are_tried_over_a_wide_range_of_all_joints():
     runs = plants.under(rigid, PATH, duration=0.4, **options).run(2)
     assert (runs.outside[near] > 0).all()
     narrow = dataclasses.replace(wide, resonance=(30, 40))
-    assert with_known_gears(draw(narrow, ARM, RIG, 20, 5, START), ((PATH, 0.4),), options, 2) == ()
+    assert (
+        with_known_gears(
+            draw(narrow, ARM, RIG, 20, 5, START), ((PATH, 0.4),), options, np.ones(ARM.n), 2
+        )
+        == ()
+    )

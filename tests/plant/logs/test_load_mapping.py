@@ -659,7 +659,7 @@ def test_a_second_sensor_that_spans_more_than_a_joint_is_refused():
         "counts": np.zeros((7, 2), int),
         "link": np.linspace(0, 90, 7)[:, None] * [1, 1],
     }
-    with pytest.raises(ValueError, match="link_position .* 'deg' or"):
+    with pytest.raises(ValueError, match=r"link_position .* 'deg' or"):
         Record.from_table(
             table,
             rig=RIG,
