@@ -30,8 +30,8 @@ MOVING = {"revolute": False, "continuous": False, "prismatic": True}  # -> wheth
 class ModelJoint:
     """A joint of a model file.
 
-    `origin` is the pose of the child link's frame at zero, in the parent link's frame; `axis` and
-    `anchor`, a point of it, are in the child link's frame; `zero` is the joint's coordinate there.
+    `origin` is the pose of the child link's frame in the parent link's frame where the joint's
+    coordinate is `zero`. `axis` and `anchor`, a point of the axis, are in the child link's frame.
     """
 
     name: str
@@ -57,9 +57,9 @@ class ModelJoint:
 
 @dataclasses.dataclass(kw_only=True)
 class Constraint:
-    """A force or constraint between links and joints, which a chain that it acts on does not have.
+    """A force or constraint between links or joints; a chain on which it acts is refused.
 
-    `label` names it in messages. An end that the file does not name acts on every chain.
+    `label` names it in messages. One that names neither joints nor links acts on every chain.
     """
 
     label: str
@@ -68,9 +68,9 @@ class Constraint:
 
 
 def deferred(default: T, read: Callable[..., T], *arguments: Any) -> tuple[T, str]:
-    """What `read` gives of the arguments, or the default and the refusal.
+    """The result of `read` and "", or the default and the message of the ValueError.
 
-    The refusal is for the chain that needs what was not read.
+    The message is for a chain that needs what was not read.
     """
     try:
         return read(*arguments), ""
@@ -145,8 +145,8 @@ class ModelFile:
                 " branch."
             )
         names = [joint.name for joint in path if joint.kind in MOVING and not joint.mimics]
-        # A joint on this path that follows another one moves with it: no chain of independent
-        # joints. One that a chain cannot have is no fixed joint either.
+        # Neither may count as fixed: a joint that follows one of `names` moves with it, and a chain
+        # cannot have an immovable joint.
         _require_own([joint for joint in path if joint.mimics in names or joint.immovable])
         if not names:
             raise ValueError(
@@ -169,7 +169,7 @@ def links_of_chain(
     hanging = _hanging_on(model.joints)
     moving = {joint.name for joint in chosen}
     _require_free(model, hanging, chosen)
-    at = Placement()  # pose of the last chosen joint's frame in the link being walked
+    at = Placement()  # pose of the file's last chosen link in the frame of its Link
     # 1. Walk from joint to joint. Fixed joints and joints at zero between them multiply into one
     # pose.
     for i, joint in enumerate(chosen):
@@ -184,7 +184,7 @@ def links_of_chain(
         on_axis = Placement(rotation=axis_frame(joint.axis), position=joint.anchor)
         slides = MOVING[joint.kind]
         frame = on_axis.inverse()
-        # The file's frames are those at its own zero; q counts from there.
+        # The file states its frames at the coordinate joint.zero: the offset subtracts it from q.
         zero = {"d" if slides else "theta": -joint.zero}
         pose, rounded[joint.name] = righted(at @ pose @ on_axis)
         links.append(Link(name=joint.name, prismatic=slides, before=pose, frame=frame, **zero))
@@ -362,14 +362,14 @@ def _chosen(tree: dict[str, ModelJoint], names: Sequence[str] | None) -> list[Mo
 
 
 def _require_placed(joints: list[ModelJoint]) -> None:
-    """Refuse joints whose links are missing: they are on no branch."""
+    """Refuse a joint whose child has no readable pose, with the reason."""
     for joint in joints:
         if joint.misplaced:
             raise ValueError(joint.misplaced)
 
 
 def _require_own(path: list[ModelJoint]) -> None:
-    """Refuse joints that mimic others (at zero they would change the arm), or cannot be had."""
+    """Refuse immovable joints, and those that mimic others: to hold these would change the arm."""
     for joint in path:
         if joint.immovable:
             raise ValueError(joint.immovable)
@@ -382,8 +382,8 @@ def _require_own(path: list[ModelJoint]) -> None:
 
 def _ordered(tree: dict[str, ModelJoint], joints: list[ModelJoint]) -> list[ModelJoint] | None:
     """These joints from the base outwards; None if they do not lie on one path."""
-    # 1. The depth of each joint. A walk stops at the first joint of known depth, so all walks
-    # together pass tree joint once.
+    # 1. Find the depth of each joint. A walk stops at the first joint of known depth, so that no
+    # part of the tree is climbed twice.
     parents = _parents(tree)
     depths = dict[str, int]()
     for joint in joints:
@@ -418,7 +418,10 @@ def _path(parents: dict[str, ModelJoint], start: str | None, joint: ModelJoint) 
 def fixed_to(
     tree: dict[str, ModelJoint], link: str, moving: Collection[str]
 ) -> dict[str, Placement]:
-    """Poses of all links that move with this one, by name; joints not in `moving` are at 0."""
+    """Poses of all links that move with this one, by name, in its frame.
+
+    Each joint that is not in `moving` stays at its `zero`.
+    """
     return _moving_with(_hanging_on(tree), link, moving)
 
 

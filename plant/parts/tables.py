@@ -24,11 +24,11 @@ class TableLayout:
     Parameters
     ----------
     title : int
-        Lines of a title; before a title has more, columns go below each other.
+        Most lines of a title; where a title needs more, columns go below each other instead.
     words : int
-        Letters at which a column of words is not narrowed further.
+        Least number of letters to which a column of words is narrowed.
     label : int
-        Letters of the first column.
+        Letters at which cells of the first column wrap, unless its title is wider.
     """
 
     title: int = 4
@@ -40,7 +40,7 @@ LAYOUT = TableLayout()
 
 
 def significant(value: float, digits: int = 2) -> str:
-    """A number with so many significant digits, all digits before the point, and no exponent."""
+    """A number with `digits` significant digits, or all before the point, without exponent."""
     if not value or not math.isfinite(value):
         return f"{value:g}"
     # Digits before the point are never rounded away: 12345 stays whole.
@@ -65,9 +65,9 @@ def _joined(text: str) -> str:
 
 @dataclasses.dataclass(frozen=True)
 class Table:
-    """Rows of cells under their titles `head`, none for rows that need none.
+    """Rows of cells under the titles `head`, which is empty for a table without titles.
 
-    `words` are columns whose cells are words, not numbers; the first always is.
+    `words` are the indices of columns of words, not numbers; the first column always is one.
     """
 
     head: Sequence[str]
@@ -75,7 +75,7 @@ class Table:
     words: Sequence[int] = ()
 
     def lines(self, width: int = WIDTH) -> list[str]:
-        """Text of it, no wider than `width` where a column and its row's name fit."""
+        """The lines of the table, no wider than `width` if each column fits beside the first."""
         # By columns, since each has one width for its title and all its cells.
         columns = list(zip(*([self.head] if self.head else []), *self.rows, strict=True))
         widths = self._widths(columns, width)
@@ -121,7 +121,7 @@ class Table:
     def _least(
         self, columns: Sequence[Sequence[str]], places: Sequence[int], height: int
     ) -> list[int]:
-        """Width of each column whose title may have so many lines, and whose cells have one."""
+        """Least widths for titles of `height` lines at most; only the first column's cells wrap."""
         head = bool(self.head)
         widths = []
         for i, column in zip(places, columns, strict=True):
@@ -170,7 +170,7 @@ class Table:
 
 
 def heading(title: str, units: Sequence[str]) -> str:
-    """A title with the unit of all joints; without where joints slide: then cells have theirs."""
+    """A title, with the unit of the joints if all share one; otherwise the cells have units."""
     return f"{title} [{units[0]}]" if len(set(units)) == 1 else title
 
 
