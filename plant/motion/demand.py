@@ -98,12 +98,32 @@ def sampled_demand(arm: Arm, rig: Rig, reference: Any) -> tuple[Floats, Sequence
     points = max(4000, round(reference.duration / rig.period)) + 1
     t = np.linspace(0.0, reference.duration, points)
     motion = reference(t)
-    return t, motion, demand(arm, rig, motion)
+    needed = demand(arm, rig, motion)
+    # NaN is never within a limit: a search for the speed at which it is would not end.
+    torque = needed.torque(1.0, 1.0, needed.friction(1.0))
+    infinite = np.argwhere(~np.isfinite(torque))
+    if infinite.size:
+        i, joint = infinite[0]
+        raise ValueError(
+            "reference must need finite torques;"
+            f" {arm.dynamics.chain.joint_labels[joint]} needs {torque[i, joint]} at t ="
+            f" {t[i]:.3f} s, q = {np.round(motion[0][i], 3)}. Correct the motion there, or the"
+            " springs and the friction of the rig."
+        )
+    return t, motion, needed
 
 
 def shortest_duration(arm: Arm, rig: Rig, reference: Any, share: float = 0.9) -> float:
-    """Shortest duration [s] of a uniformly scaled motion under a share of the torque limits."""
-    share = real("share", share, "Give the part of the limit to use, like 0.9.", positive=True)
+    """Shortest duration [s] of a motion that is scaled in time, within a share of the limits.
+
+    The search assumes that a speed above an impossible one is impossible as well. That may be
+    wrong, as where viscous friction brakes the arm for the drive; the duration is possible all the
+    same, but not the shortest.
+    """
+    advice = "Give the part of the limit to use, like 0.9."
+    share = real("share", share, advice, positive=True)
+    if share > 1:
+        raise ValueError(f"share must be at most 1; got {share:g}. {advice}")
     t, motion, needed = sampled_demand(arm, rig, reference)
     # As the motion slows down, all torques but the holding torque and dry friction vanish.
     torque = np.abs(needed.holding + needed.dry_friction())
