@@ -105,7 +105,9 @@ class ModelFile:
     ) -> list[ModelJoint]:
         """The joints of the chain, base first.
 
-        By default all that move, except those that mimic another joint or are mimicked.
+        By default all that move, without those of a gripper, which mimic another joint or are
+        mimicked. A mimicked joint that carries another joint of the chain is no gripper's, and a
+        file in which all joints mimic or are mimicked has no gripper.
         """
         self._require_read(names, base, tip)
         # base and tip name the joints between them, so a list of joints would contradict them.
@@ -209,6 +211,7 @@ def links_of_chain(
             stacklevel=3,
         )
     _warn_of_slips(model, hanging, chosen)
+    _warn_of_mimics(model, hanging, moving)
     # Rotors come last: the armature of a joint that is held at zero does not count.
     pairs = zip(bodies, chosen, strict=True)
     bodies = [dataclasses.replace(body, rotor=joint.armature) for body, joint in pairs]
@@ -244,6 +247,25 @@ def _warn_of_slips(
         warnings.warn(
             f"{model.path.name} compensates the gravity of {several(weightless)} (gravcomp), which"
             " is a controller's; the arm has its weight. Motor torques logged in MuJoCo lack it.",
+            stacklevel=4,
+        )
+
+
+def _warn_of_mimics(
+    model: ModelFile, hanging: dict[str, list[ModelJoint]], moving: Collection[str]
+) -> None:
+    """Warn of joints with masses behind them that mimic joints of the chain, but are held."""
+    mimicking = []
+    for joint in model.joints.values():
+        if joint.kind in MOVING and joint.mimics in moving:
+            bodies = [model.bodies.get(link) for link in _moving_with(hanging, joint.child, moving)]
+            # What is drawn only needs no torque.
+            if any(body is not None and body.mass for body in bodies):
+                mimicking.append(f"{joint.name} ({joint.mimics})")
+    if mimicking:
+        warnings.warn(
+            f"{model.path.name} has joints that mimic joints of the chain: {several(mimicking)};"
+            " they are held at zero. Torques lack the motion of their links.",
             stacklevel=4,
         )
 
@@ -357,8 +379,10 @@ def _chosen(tree: dict[str, ModelJoint], names: Sequence[str] | None) -> list[Mo
         )
     # From the base of the file on, or from the first named joint on.
     start = None if names is None else chosen[0].parent
-    _require_own(_path(_parents(tree), start, chosen[-1]))
-    return chosen
+    path = _path(_parents(tree), start, chosen[-1])
+    _require_own(path)
+    # A mimicked joint before the last one is the arm's: a rod beside the arm may follow it.
+    return chosen if names is not None else [joint for joint in path if joint.kind in MOVING]
 
 
 def _require_placed(joints: list[ModelJoint]) -> None:

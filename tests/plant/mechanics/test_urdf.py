@@ -157,7 +157,6 @@ TREE = (
     [
         # without the gripper, one finger of which follows the other
         ({}, ["to_torso", "to_arm", "to_hand"]),
-        ({"tip": "left"}, ["to_torso", "to_arm", "to_hand", "to_left"]),
         ({"tip": "arm"}, ["to_torso", "to_arm"]),
         ({"base": "torso", "tip": "right"}, ["to_arm", "to_hand"]),
     ],
@@ -168,6 +167,41 @@ def test_a_chain_between_two_links(tmp_path, given, joints):
     assert [link.name for link in chain.links] == joints
     named = Chain.from_urdf(written(tmp_path, TREE), joints)
     assert chain == named
+
+
+def test_a_finger_of_the_chain_has_another_one_that_mimics_it(tmp_path):
+    with pytest.warns(UserWarning, match=r"mimic joints of the chain: to_right \(to_left\)"):
+        chain = Chain.from_urdf(written(tmp_path, TREE), tip="left")
+    assert [link.name for link in chain.links] == ["to_torso", "to_arm", "to_hand", "to_left"]
+    # The other finger stays on the hand.
+    assert [body.mass for body in chain.bodies] == [1, 1, 2, 1]
+
+
+# A rod beside the arm, as of a parallel linkage, follows its middle joint.
+ROD = LINK.format("rod")
+LINKAGE = TREE.replace(
+    "</robot>",
+    '<joint name="to_rod" type="revolute">'
+    + ENDS.format("torso", "rod")
+    + f'<axis xyz="0 0 1"/><mimic joint="to_arm"/></joint>{ROD}</robot>',
+)
+
+
+@pytest.mark.parametrize(
+    "given", [{}, {"tip": "hand"}, {"joints": ["to_torso", "to_arm", "to_hand"]}], ids=str
+)
+def test_a_joint_of_the_arm_moves_though_a_rod_beside_it_mimics_it(tmp_path, given):
+    with pytest.warns(UserWarning, match=r"mimic joints of the chain: to_rod \(to_arm\)"):
+        chain = Chain.from_urdf(written(tmp_path, LINKAGE), **given)
+    assert [link.name for link in chain.links] == ["to_torso", "to_arm", "to_hand"]
+    assert [body.mass for body in chain.bodies] == [2, 1, 3]
+
+
+def test_a_rod_without_mass_or_one_that_follows_no_joint_of_the_chain_is_not_said(tmp_path):
+    """Warnings are errors here."""
+    drawn_only = LINKAGE.replace(ROD, '<link name="rod"/>')
+    assert Chain.from_urdf(written(tmp_path, drawn_only)).n == 3
+    assert Chain.from_urdf(written(tmp_path, LINKAGE), ["to_torso", "to_hand"]).n == 2
 
 
 @pytest.mark.parametrize(
