@@ -109,13 +109,18 @@ class ModelFile:
         mimicked. A mimicked joint that carries another joint of the chain is no gripper's, and a
         file in which all joints mimic or are mimicked has no gripper.
         """
+        # Names may come as a column of a table, which has no truth value.
+        if isinstance(names, np.ndarray):
+            names = names.tolist()
         self._require_read(names, base, tip)
         # base and tip name the joints between them, so a list of joints would contradict them.
         if base is not None or tip is not None:
             base = None if base is None else choice("base", base, tuple(self.bodies))
             if names is not None or tip is None:
+                advice = "Give tip='name of a link'." if names is None else "Leave joints out."
                 raise ValueError(
-                    f"tip must be given with base, and no joints; got tip {tip}. Leave joints out."
+                    f"tip must be given with base, and no joints; got tip {tip} and joints {names}."
+                    f" {advice}"
                 )
             names = self.joints_between(base, tip)
         # A loop would let the walks below run for ever.

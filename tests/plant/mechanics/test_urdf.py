@@ -204,6 +204,14 @@ def test_a_rod_without_mass_or_one_that_follows_no_joint_of_the_chain_is_not_sai
     assert Chain.from_urdf(written(tmp_path, LINKAGE), ["to_torso", "to_hand"]).n == 2
 
 
+def test_names_of_joints_may_be_a_column_of_a_table(tmp_path):
+    path = written(tmp_path, TREE)
+    names = ["to_torso", "to_arm"]
+    assert Chain.from_urdf(path, np.array(names)) == Chain.from_urdf(path, names)
+    with pytest.raises(ValueError, match="list of at least one name"):
+        Chain.from_urdf(path, np.array([]))
+
+
 @pytest.mark.parametrize(
     ("given", "said"),
     [
@@ -211,10 +219,10 @@ def test_a_rod_without_mass_or_one_that_follows_no_joint_of_the_chain_is_not_sai
         ({"base": "hand", "tip": "arm"}, "tip must lie below base; arm does not hang on hand"),
         ({"base": "toroso", "tip": "arm"}, "Did you mean 'torso'"),
         ({"tip": "other"}, "a joint must move between base and tip other; none does"),
-        ({"base": "arm"}, "tip must be given with base"),
+        ({"base": "arm"}, "tip must be given with base.* Give tip="),
         ({"base": "amr"}, "Did you mean 'arm'"),
         ({"joints": ["to_left", "to_right"]}, "They are on two branches"),
-        ({"tip": "arm", "joints": ["to_arm"]}, "tip must be given with base, and no joints"),
+        ({"tip": "arm", "joints": ["to_arm"]}, r"no joints; got .*\['to_arm'\]. Leave joints out"),
         ({}, "to_arm mimics to_torso"),
         ({"tip": "hand"}, "to_arm mimics to_torso"),
         ({"tip": "arm"}, "to_arm mimics to_torso"),
