@@ -199,7 +199,7 @@ class Chain(Part):
             chain. Other joints that move are held at zero, like fixed joints, and what they move
             is lumped with the link that carries them. Joints that mimic another joint, and the
             joints that they mimic (those of a gripper), are also held unless they are named. Inside
-            the chain, such joints are refused.
+            the chain, a joint that mimics is refused, and one that is mimicked belongs to it.
         base, tip : str, optional
             Names of two links, in place of `joints`: the chain has the joints between these links.
             The default `base` is the base link of the file.
@@ -222,7 +222,8 @@ class Chain(Part):
         -----
         UserWarning
             Angles within 1e-3 rad of right ones are put right: files round them, and axes that are
-            nearly parallel or perpendicular have base parameters that no log excites.
+            nearly parallel or perpendicular have base parameters that no log excites. Joints beside
+            the chain that mimic one of its joints are held.
         """
         # base and tip are first turned into joints: below, a chain is a list of joints.
         model = read_urdf(path)

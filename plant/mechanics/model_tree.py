@@ -30,8 +30,8 @@ MOVING = {"revolute": False, "continuous": False, "prismatic": True}  # -> wheth
 class ModelJoint:
     """A joint of a model file.
 
-    `origin` is the pose of the child link's frame at zero, in the parent link's frame; `axis` and
-    `anchor`, a point of it, are in the child link's frame; `zero` is the joint's coordinate there.
+    `origin` is the pose of the child link's frame in the parent link's frame where the joint's
+    coordinate is `zero`. `axis` and `anchor`, a point of the axis, are in the child link's frame.
     """
 
     name: str
@@ -57,9 +57,9 @@ class ModelJoint:
 
 @dataclasses.dataclass(kw_only=True)
 class Constraint:
-    """A force or constraint between links and joints, which a chain that it acts on does not have.
+    """A force or constraint between links or joints; a chain on which it acts is refused.
 
-    `label` names it in messages. An end that the file does not name acts on every chain.
+    `label` names it in messages. One that names neither joints nor links acts on every chain.
     """
 
     label: str
@@ -68,9 +68,9 @@ class Constraint:
 
 
 def deferred(default: T, read: Callable[..., T], *arguments: Any) -> tuple[T, str]:
-    """What `read` gives of the arguments, or the default and the refusal.
+    """The result of `read` and "", or the default and the message of the ValueError.
 
-    The refusal is for the chain that needs what was not read.
+    The message is for a chain that needs what was not read.
     """
     try:
         return read(*arguments), ""
@@ -105,15 +105,22 @@ class ModelFile:
     ) -> list[ModelJoint]:
         """The joints of the chain, base first.
 
-        By default all that move, except those that mimic another joint or are mimicked.
+        By default all that move, without those of a gripper, which mimic another joint or are
+        mimicked. A mimicked joint that carries another joint of the chain is no gripper's, and a
+        file in which all joints mimic or are mimicked has no gripper.
         """
+        # Names may come as a column of a table, which has no truth value.
+        if isinstance(names, np.ndarray):
+            names = names.tolist()
         self._require_read(names, base, tip)
         # base and tip name the joints between them, so a list of joints would contradict them.
         if base is not None or tip is not None:
             base = None if base is None else choice("base", base, tuple(self.bodies))
             if names is not None or tip is None:
+                advice = "Give tip='name of a link'." if names is None else "Leave joints out."
                 raise ValueError(
-                    f"tip must be given with base, and no joints; got tip {tip}. Leave joints out."
+                    f"tip must be given with base, and no joints; got tip {tip} and joints {names}."
+                    f" {advice}"
                 )
             names = self.joints_between(base, tip)
         # A loop would let the walks below run for ever.
@@ -145,8 +152,8 @@ class ModelFile:
                 " branch."
             )
         names = [joint.name for joint in path if joint.kind in MOVING and not joint.mimics]
-        # A joint on this path that follows another one moves with it: no chain of independent
-        # joints. One that a chain cannot have is no fixed joint either.
+        # Neither may count as fixed: a joint that follows one of `names` moves with it, and a chain
+        # cannot have an immovable joint.
         _require_own([joint for joint in path if joint.mimics in names or joint.immovable])
         if not names:
             raise ValueError(
@@ -169,7 +176,7 @@ def links_of_chain(
     hanging = _hanging_on(model.joints)
     moving = {joint.name for joint in chosen}
     _require_free(model, hanging, chosen)
-    at = Placement()  # pose of the last chosen joint's frame in the link being walked
+    at = Placement()  # pose of the file's last chosen link in the frame of its Link
     # 1. Walk from joint to joint. Fixed joints and joints at zero between them multiply into one
     # pose.
     for i, joint in enumerate(chosen):
@@ -184,7 +191,7 @@ def links_of_chain(
         on_axis = Placement(rotation=axis_frame(joint.axis), position=joint.anchor)
         slides = MOVING[joint.kind]
         frame = on_axis.inverse()
-        # The file's frames are those at its own zero; q counts from there.
+        # The file states its frames at the coordinate joint.zero: the offset subtracts it from q.
         zero = {"d" if slides else "theta": -joint.zero}
         pose, rounded[joint.name] = righted(at @ pose @ on_axis)
         links.append(Link(name=joint.name, prismatic=slides, before=pose, frame=frame, **zero))
@@ -209,6 +216,7 @@ def links_of_chain(
             stacklevel=3,
         )
     _warn_of_slips(model, hanging, chosen)
+    _warn_of_mimics(model, hanging, moving)
     # Rotors come last: the armature of a joint that is held at zero does not count.
     pairs = zip(bodies, chosen, strict=True)
     bodies = [dataclasses.replace(body, rotor=joint.armature) for body, joint in pairs]
@@ -244,6 +252,25 @@ def _warn_of_slips(
         warnings.warn(
             f"{model.path.name} compensates the gravity of {several(weightless)} (gravcomp), which"
             " is a controller's; the arm has its weight. Motor torques logged in MuJoCo lack it.",
+            stacklevel=4,
+        )
+
+
+def _warn_of_mimics(
+    model: ModelFile, hanging: dict[str, list[ModelJoint]], moving: Collection[str]
+) -> None:
+    """Warn of joints with masses behind them that mimic joints of the chain, but are held."""
+    mimicking = []
+    for joint in model.joints.values():
+        if joint.kind in MOVING and joint.mimics in moving:
+            bodies = [model.bodies.get(link) for link in _moving_with(hanging, joint.child, moving)]
+            # What is drawn only needs no torque.
+            if any(body is not None and body.mass for body in bodies):
+                mimicking.append(f"{joint.name} ({joint.mimics})")
+    if mimicking:
+        warnings.warn(
+            f"{model.path.name} has joints that mimic joints of the chain: {several(mimicking)};"
+            " they are held at zero. Torques lack the motion of their links.",
             stacklevel=4,
         )
 
@@ -357,19 +384,21 @@ def _chosen(tree: dict[str, ModelJoint], names: Sequence[str] | None) -> list[Mo
         )
     # From the base of the file on, or from the first named joint on.
     start = None if names is None else chosen[0].parent
-    _require_own(_path(_parents(tree), start, chosen[-1]))
-    return chosen
+    path = _path(_parents(tree), start, chosen[-1])
+    _require_own(path)
+    # A mimicked joint before the last one is the arm's: a rod beside the arm may follow it.
+    return chosen if names is not None else [joint for joint in path if joint.kind in MOVING]
 
 
 def _require_placed(joints: list[ModelJoint]) -> None:
-    """Refuse joints whose links are missing: they are on no branch."""
+    """Refuse a joint whose child has no readable pose, with the reason."""
     for joint in joints:
         if joint.misplaced:
             raise ValueError(joint.misplaced)
 
 
 def _require_own(path: list[ModelJoint]) -> None:
-    """Refuse joints that mimic others (at zero they would change the arm), or cannot be had."""
+    """Refuse immovable joints, and those that mimic others: to hold these would change the arm."""
     for joint in path:
         if joint.immovable:
             raise ValueError(joint.immovable)
@@ -382,8 +411,8 @@ def _require_own(path: list[ModelJoint]) -> None:
 
 def _ordered(tree: dict[str, ModelJoint], joints: list[ModelJoint]) -> list[ModelJoint] | None:
     """These joints from the base outwards; None if they do not lie on one path."""
-    # 1. The depth of each joint. A walk stops at the first joint of known depth, so all walks
-    # together pass tree joint once.
+    # 1. Find the depth of each joint. A walk stops at the first joint of known depth, so that no
+    # part of the tree is climbed twice.
     parents = _parents(tree)
     depths = dict[str, int]()
     for joint in joints:
@@ -418,7 +447,10 @@ def _path(parents: dict[str, ModelJoint], start: str | None, joint: ModelJoint) 
 def fixed_to(
     tree: dict[str, ModelJoint], link: str, moving: Collection[str]
 ) -> dict[str, Placement]:
-    """Poses of all links that move with this one, by name; joints not in `moving` are at 0."""
+    """Poses of all links that move with this one, by name, in its frame.
+
+    Each joint that is not in `moving` stays at its `zero`.
+    """
     return _moving_with(_hanging_on(tree), link, moving)
 
 

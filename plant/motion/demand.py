@@ -1,9 +1,9 @@
 """Torque demand of a motion: peak as a share of the amplifiers' limits, and shortest duration.
 
 Along a path r(s), at speed v = ds/dt and acceleration a = dv/dt, q = r, qd = r' v and qdd = r'' v^2
-+ r' a, so the torque is affine in a and v^2 but for friction. Its coefficients are D, coriolis and
-gravity of `Dynamics` at the path's own motion. All torques are those on the shafts
-(`Drive.torque_limit`), which without coupling are the joints.
++ r' a, so the torque is affine in a and v^2 but for friction. Its coefficients follow from D,
+coriolis and gravity of `Dynamics` at v = 1 and a = 0, and from the springs of the rig. All torques
+are on the shafts, as is `Drive.torque_limit`; without a coupling, each shaft is that of its joint.
 """
 
 import dataclasses
@@ -27,13 +27,14 @@ _CREEP = 1e-9
 class Demand:
     """Torque at N points of a path, by speed v and acceleration a along it.
 
-    It is D r' a + (D r'' + coriolis) v^2 + gravity - springs + friction(r' v).
+    The torque on the joints is D r' a + (D r'' + coriolis) v^2 + gravity - springs
+    + friction(r' v). All torques below are its equivalent on the shafts.
     """
 
     rig: Rig
     # r' (N, n) [rad/s].
     along: Floats
-    # Torque (N, n) [N m] per a, per v^2, and at rest, less that of springs.
+    # Torque (N, n) [N m] per a, torque per v^2, and the torque of gravity less that of springs.
     inertial: Floats
     centrifugal: Floats
     holding: Floats
@@ -41,7 +42,7 @@ class Demand:
     def torque(
         self, a: ArrayOrSymbols, v: ArrayOrSymbols, friction: ArrayOrSymbols
     ) -> ArrayOrSymbols:
-        """Torque (N, n) [N m] at an acceleration and a speed: numbers, arrays (N, 1) or casadi."""
+        """Torque (N, n) [N m], with this friction; a and v are numbers, arrays (N, 1) or casadi."""
         return self.inertial * a + self.centrifugal * v**2 + self.holding + friction
 
     def friction(self, v: ArrayOrSymbols) -> ArrayOrSymbols:
@@ -53,13 +54,13 @@ class Demand:
         return np.asarray(self.friction(_CREEP))
 
     def share(self, v: float) -> Floats:
-        """Peak torque over the limits (n,) at a constant speed along the path."""
+        """Peak torque of each shaft divided by its limit, (n,), at a constant speed v."""
         peak = np.abs(self.torque(0.0, v, self.friction(v))).max(axis=0)
         return peak / self.rig.drive.torque_limit()
 
 
 def demand(arm: Arm, rig: Rig, motion: Sequence[Floats]) -> Demand:
-    """Torque demand of a path, given by its motion (q, qd, qdd) at its own speed (v = 1, a = 0)."""
+    """Torque demand of a path, given by the motion (q, qd, qdd) along it at v = 1 and a = 0."""
     # All points at once; casadi wants one column per point.
     values = _coefficients(arm, rig).map(len(motion[0]))(*(x.T for x in motion))
     return Demand(
@@ -69,7 +70,7 @@ def demand(arm: Arm, rig: Rig, motion: Sequence[Floats]) -> Demand:
 
 @functools.lru_cache(maxsize=8)
 def _coefficients(arm: Arm, rig: Rig) -> ca.Function:
-    """(q, r', r'') -> the coefficients of a, of v^2, and of neither, (n,) each."""
+    """(q, r', r'') -> the coefficients of a and of v^2, and the rest, on the joints, (n,) each."""
     q, along, bend = (ca.SX.sym(name, arm.n) for name in ("q", "along", "bend"))
     model = arm.dynamics
     # Along the path at unit speed: r' takes the place of qd, and r'' that of qdd.
@@ -93,18 +94,38 @@ def sampled_demand(arm: Arm, rig: Rig, reference: Any) -> tuple[Floats, Sequence
             f"reference must have {rig.n} joints like the rig; got {reference.n}. Use a matching"
             " one."
         )
-    # Once per sampling period, and 4000 times at least, so that no peak is missed.
+    # Sample about once per period, and 4000 times at least, to come close to every peak.
     points = max(4000, round(reference.duration / rig.period)) + 1
     t = np.linspace(0.0, reference.duration, points)
     motion = reference(t)
-    return t, motion, demand(arm, rig, motion)
+    needed = demand(arm, rig, motion)
+    # NaN is never within a limit: a search for the speed at which it is would not end.
+    torque = needed.torque(1.0, 1.0, needed.friction(1.0))
+    infinite = np.argwhere(~np.isfinite(torque))
+    if infinite.size:
+        i, joint = infinite[0]
+        raise ValueError(
+            "reference must need finite torques;"
+            f" {arm.dynamics.chain.joint_labels[joint]} needs {torque[i, joint]} at t ="
+            f" {t[i]:.3f} s, q = {np.round(motion[0][i], 3)}. Correct the motion there, or the"
+            " springs and the friction of the rig."
+        )
+    return t, motion, needed
 
 
 def shortest_duration(arm: Arm, rig: Rig, reference: Any, share: float = 0.9) -> float:
-    """Shortest duration [s] of a uniformly scaled motion under a share of the torque limits."""
-    share = real("share", share, "Give the part of the limit to use, like 0.9.", positive=True)
+    """Shortest duration [s] of a motion that is scaled in time, within a share of the limits.
+
+    The search assumes that a speed above an impossible one is impossible as well. That may be
+    wrong, as where viscous friction brakes the arm for the drive; the duration is possible all the
+    same, but not the shortest.
+    """
+    advice = "Give the part of the limit to use, like 0.9."
+    share = real("share", share, advice, positive=True)
+    if share > 1:
+        raise ValueError(f"share must be at most 1; got {share:g}. {advice}")
     t, motion, needed = sampled_demand(arm, rig, reference)
-    # Both stay as the motion slows down; all other torques vanish.
+    # As the motion slows down, all torques but the holding torque and dry friction vanish.
     torque = np.abs(needed.holding + needed.dry_friction())
     limit = share * rig.drive.torque_limit()
     # However slow, a motion needs the torque that holds the arm and overcomes dry friction.

@@ -7,6 +7,7 @@ blanks between columns.
 import dataclasses
 import itertools
 import math
+import re
 import textwrap
 from collections.abc import Iterable, Sequence
 
@@ -24,11 +25,11 @@ class TableLayout:
     Parameters
     ----------
     title : int
-        Lines of a title; before a title has more, columns go below each other.
+        Most lines of a title; where a title needs more, columns go below each other instead.
     words : int
-        Letters at which a column of words is not narrowed further.
+        Least number of letters to which a column of words is narrowed.
     label : int
-        Letters of the first column.
+        Letters at which cells of the first column wrap, unless its title is wider.
     """
 
     title: int = 4
@@ -40,11 +41,13 @@ LAYOUT = TableLayout()
 
 
 def significant(value: float, digits: int = 2) -> str:
-    """A number with so many significant digits, all digits before the point, and no exponent."""
+    """A number with `digits` significant digits, or all before the point, without exponent."""
     if not value or not math.isfinite(value):
         return f"{value:g}"
+    # The exponent is that of the rounded number: 9.96 becomes 10, not 10.0.
+    exponent = int(f"{value:.{digits - 1}e}".partition("e")[2])
     # Digits before the point are never rounded away: 12345 stays whole.
-    decimals = digits - 1 - math.floor(math.log10(abs(value)))
+    decimals = digits - 1 - exponent
     return f"{value:.{max(decimals, 0)}f}"
 
 
@@ -60,14 +63,15 @@ def wrapped(text: str, width: int = WIDTH, indent: str = "") -> list[str]:
 
 
 def _joined(text: str) -> str:
-    return text.replace("N m", "N\xa0m")
+    # The unit alone, not the end of one word and the start of the next, as in "CAN motor".
+    return re.sub(r"\b([km]?N) m\b", "\\1\xa0m", text)
 
 
 @dataclasses.dataclass(frozen=True)
 class Table:
-    """Rows of cells under their titles `head`, none for rows that need none.
+    """Rows of cells under the titles `head`, which is empty for a table without titles.
 
-    `words` are columns whose cells are words, not numbers; the first always is.
+    `words` are the indices of columns of words, not numbers; the first column always is one.
     """
 
     head: Sequence[str]
@@ -75,36 +79,33 @@ class Table:
     words: Sequence[int] = ()
 
     def lines(self, width: int = WIDTH) -> list[str]:
-        """Text of it, no wider than `width` where a column and its row's name fit."""
+        """The lines of the table, no wider than `width` if each column fits beside the first."""
         # By columns, since each has one width for its title and all its cells.
         columns = list(zip(*([self.head] if self.head else []), *self.rows, strict=True))
         widths = self._widths(columns, width)
-        if widths is not None:
+        if _total(widths) <= width:
             return self._set(columns, range(len(columns)), widths)
         # Too wide: divide the columns into panels below each other, each with the first column.
         further = range(1, len(columns))
-        for panels in itertools.count(2):  # as few as will do, as alike as can be
+        for panels in itertools.count(2):  # as few as will do, all of one size but the last
             size = max(-(-len(further) // panels), 1)
             groups = [(0, *further[i : i + size]) for i in range(0, len(further), size)] or [(0,)]
             parts = [
                 (group, self._widths([columns[i] for i in group], width, group)) for group in groups
             ]
-            if all(panel_widths is not None for _, panel_widths in parts) or size == 1:
+            if all(_total(panel_widths) <= width for _, panel_widths in parts) or size == 1:
                 break
         lines: list[str] = []
         for group, panel_widths in parts:
             # The first column again, so that each panel has the names of its rows.
             panel = [columns[i] for i in group]
-            lines += [
-                *([""] * bool(lines)),
-                *self._set(panel, group, panel_widths or self._least(panel, group, LAYOUT.title)),
-            ]
+            lines += [*([""] * bool(lines)), *self._set(panel, group, panel_widths)]
         return lines
 
     def _widths(
         self, columns: Sequence[Sequence[str]], width: int, places: Sequence[int] | None = None
-    ) -> list[int] | None:
-        """Width of each column: natural, else with wrapped titles, else with wrapped words."""
+    ) -> list[int]:
+        """Width of each column; titles wrap if they must, then words; even so they may not fit."""
         places = range(len(columns)) if places is None else places
         # The gaps between the columns take width, too.
         room = width - len(_GAP) * (len(columns) - 1)
@@ -116,12 +117,12 @@ class Table:
         for k in reversed(range(1, len(widths))):  # words wrap, the last first
             if places[k] in self.words:
                 widths[k] -= min(max(sum(widths) - room, 0), max(widths[k] - LAYOUT.words, 0))
-        return widths if sum(widths) <= room else None
+        return widths
 
     def _least(
         self, columns: Sequence[Sequence[str]], places: Sequence[int], height: int
     ) -> list[int]:
-        """Width of each column whose title may have so many lines, and whose cells have one."""
+        """Least widths for titles of `height` lines at most; only the first column's cells wrap."""
         head = bool(self.head)
         widths = []
         for i, column in zip(places, columns, strict=True):
@@ -169,8 +170,13 @@ class Table:
         return lines
 
 
+def _total(widths: Sequence[int]) -> int:
+    """Width of columns of these widths, with the gaps between them."""
+    return sum(widths) + len(_GAP) * (len(widths) - 1)
+
+
 def heading(title: str, units: Sequence[str]) -> str:
-    """A title with the unit of all joints; without where joints slide: then cells have theirs."""
+    """A title, with the unit of the joints if all share one; otherwise the cells have units."""
     return f"{title} [{units[0]}]" if len(set(units)) == 1 else title
 
 
@@ -189,11 +195,17 @@ def listed(cells: Iterable[str], units: Sequence[str]) -> str:
 
 
 def largest(values: Sequence[float] | Floats, units: Sequence[str]) -> list[int]:
-    """Joints with the largest of the values in each unit: N and N m do not compare."""
+    """Joints with the largest of the values in each unit: N and N m do not compare.
+
+    A NaN is the largest only where all values of its unit are NaN.
+    """
     joints = range(len(units))
     return [
         # The first of equal ones, so that a table does not change from run to run.
-        max((j for j in joints if units[j] == unit), key=lambda j: values[j])
+        max(
+            (j for j in joints if units[j] == unit),
+            key=lambda j: (not math.isnan(values[j]), values[j]),
+        )
         for unit in dict.fromkeys(units)
     ]
 

@@ -157,7 +157,6 @@ TREE = (
     [
         # without the gripper, one finger of which follows the other
         ({}, ["to_torso", "to_arm", "to_hand"]),
-        ({"tip": "left"}, ["to_torso", "to_arm", "to_hand", "to_left"]),
         ({"tip": "arm"}, ["to_torso", "to_arm"]),
         ({"base": "torso", "tip": "right"}, ["to_arm", "to_hand"]),
     ],
@@ -170,6 +169,49 @@ def test_a_chain_between_two_links(tmp_path, given, joints):
     assert chain == named
 
 
+def test_a_finger_of_the_chain_has_another_one_that_mimics_it(tmp_path):
+    with pytest.warns(UserWarning, match=r"mimic joints of the chain: to_right \(to_left\)"):
+        chain = Chain.from_urdf(written(tmp_path, TREE), tip="left")
+    assert [link.name for link in chain.links] == ["to_torso", "to_arm", "to_hand", "to_left"]
+    # The other finger stays on the hand.
+    assert [body.mass for body in chain.bodies] == [1, 1, 2, 1]
+
+
+# A rod beside the arm, as of a parallel linkage, follows its middle joint.
+ROD = LINK.format("rod")
+LINKAGE = TREE.replace(
+    "</robot>",
+    '<joint name="to_rod" type="revolute">'
+    + ENDS.format("torso", "rod")
+    + f'<axis xyz="0 0 1"/><mimic joint="to_arm"/></joint>{ROD}</robot>',
+)
+
+
+@pytest.mark.parametrize(
+    "given", [{}, {"tip": "hand"}, {"joints": ["to_torso", "to_arm", "to_hand"]}], ids=str
+)
+def test_a_joint_of_the_arm_moves_though_a_rod_beside_it_mimics_it(tmp_path, given):
+    with pytest.warns(UserWarning, match=r"mimic joints of the chain: to_rod \(to_arm\)"):
+        chain = Chain.from_urdf(written(tmp_path, LINKAGE), **given)
+    assert [link.name for link in chain.links] == ["to_torso", "to_arm", "to_hand"]
+    assert [body.mass for body in chain.bodies] == [2, 1, 3]
+
+
+def test_a_rod_without_mass_or_one_that_follows_no_joint_of_the_chain_is_not_said(tmp_path):
+    """Warnings are errors here."""
+    drawn_only = LINKAGE.replace(ROD, '<link name="rod"/>')
+    assert Chain.from_urdf(written(tmp_path, drawn_only)).n == 3
+    assert Chain.from_urdf(written(tmp_path, LINKAGE), ["to_torso", "to_hand"]).n == 2
+
+
+def test_names_of_joints_may_be_a_column_of_a_table(tmp_path):
+    path = written(tmp_path, TREE)
+    names = ["to_torso", "to_arm"]
+    assert Chain.from_urdf(path, np.array(names)) == Chain.from_urdf(path, names)
+    with pytest.raises(ValueError, match="list of at least one name"):
+        Chain.from_urdf(path, np.array([]))
+
+
 @pytest.mark.parametrize(
     ("given", "said"),
     [
@@ -177,10 +219,10 @@ def test_a_chain_between_two_links(tmp_path, given, joints):
         ({"base": "hand", "tip": "arm"}, "tip must lie below base; arm does not hang on hand"),
         ({"base": "toroso", "tip": "arm"}, "Did you mean 'torso'"),
         ({"tip": "other"}, "a joint must move between base and tip other; none does"),
-        ({"base": "arm"}, "tip must be given with base"),
+        ({"base": "arm"}, "tip must be given with base.* Give tip="),
         ({"base": "amr"}, "Did you mean 'arm'"),
         ({"joints": ["to_left", "to_right"]}, "They are on two branches"),
-        ({"tip": "arm", "joints": ["to_arm"]}, "tip must be given with base, and no joints"),
+        ({"tip": "arm", "joints": ["to_arm"]}, r"no joints; got .*\['to_arm'\]. Leave joints out"),
         ({}, "to_arm mimics to_torso"),
         ({"tip": "hand"}, "to_arm mimics to_torso"),
         ({"tip": "arm"}, "to_arm mimics to_torso"),

@@ -9,7 +9,7 @@ import pytest
 from demands import joint_torque, one_joint
 from packaged_arms import planar
 
-from plant import Coupling, Dynamics, Harmonics, PointToPoint, fastest, puma560
+from plant import Coupling, Dynamics, Harmonics, PointToPoint, Reference, fastest, puma560
 
 ARM, RIG = puma560.arm(), puma560.rig()
 LIMIT = 12 * np.array([0.228 * 107.8, 0.238 * 53.7])
@@ -64,6 +64,35 @@ def weak(current):
     return dataclasses.replace(RIG, drive=dataclasses.replace(RIG.drive, current_limit=current))
 
 
+@dataclasses.dataclass(frozen=True)
+class Gap(Reference):
+    """The path of the paper with one number that is none, after 1 s."""
+
+    of: int
+
+    n = 2
+    duration = 2.0
+
+    def motion(self, t):
+        motion = puma560.reference(self.duration)(t)
+        motion[self.of][np.searchsorted(t, 1.0), 1] = np.nan
+        return motion
+
+
+@pytest.mark.parametrize("of", range(3), ids=["q", "qd", "qdd"])
+@pytest.mark.parametrize(
+    "call",
+    [
+        lambda path: path.torque_share(ARM, RIG),
+        lambda path: fastest(ARM, RIG, path, uniform=True),
+    ],
+    ids=["torque_share", "fastest"],
+)
+def test_a_motion_that_is_not_finite_is_refused_with_its_place(call, of):
+    with pytest.raises(ValueError, match=r"finite torques; joint .* at t = 1.000 s"):
+        call(Gap(of))
+
+
 @pytest.mark.parametrize(
     ("call", "message"),
     [
@@ -72,6 +101,7 @@ def weak(current):
         (lambda: fastest(ARM, weak((np.inf, np.inf)), puma560.reference(), uniform=True),
          "must meet a limit somewhere"),
         (lambda: fastest(ARM, RIG, puma560.reference(), share=-1, uniform=True), "share must be a positive number"),
+        (lambda: fastest(ARM, RIG, puma560.reference(), share=90), "share must be at most 1; got 90"),
         (lambda: fastest(ARM, RIG, puma560.reference(), motor_speed=(1, 1), uniform=True), "torque limits alone"),
         (lambda: puma560.reference().torque_share(RIG, ARM), "arm must be of type Arm"),
         (lambda: fastest(ARM, RIG, RIG), "reference must be of type Reference"),

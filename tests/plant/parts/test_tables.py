@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from plant.parts import Table, by_joint
-from plant.parts.tables import WIDTH, wrapped
+from plant.parts import Table, by_joint, significant
+from plant.parts.tables import LAYOUT, WIDTH, largest, wrapped
 
 NAMES = (
     "shoulder_pan_joint",
@@ -95,6 +95,40 @@ def test_what_cannot_be_narrower_stays_whole():
     assert Table((), [("a" * 40, "1" * 60)]).lines() == [f"{'a' * 40}  {'1' * 60}"]
     assert Table(("t" * 90,), [("a",)]).lines() == ["t" * 90, "a"]
     assert Table((), []).lines() == []
+
+
+def test_words_wrap_though_their_column_and_its_label_do_not_fit():
+    lines = Table(("", "note"), [("x" * LAYOUT.label, "word " * 40)], (1,)).lines(55)
+    assert 55 < max(map(len, lines)) <= LAYOUT.label + 2 + LAYOUT.words
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [
+        (9.94, "9.9"),
+        (9.96, "10"),
+        (-9.96, "-10"),
+        (0.0994, "0.099"),
+        (0.0996, "0.10"),
+        (99.6, "100"),
+        (12345.0, "12345"),
+        (0.0, "0"),
+        (float("nan"), "nan"),
+    ],
+)
+def test_a_number_that_is_rounded_up_has_no_digit_more(value, text):
+    assert significant(value) == text
+
+
+def test_nan_is_not_the_largest_of_numbers():
+    nan = float("nan")
+    assert largest([nan, 3.0, 5.0, nan], ["N"] * 4) == [2]
+    assert largest([nan, nan, 1.0], ["N m", "N m", "N"]) == [0, 2]
+
+
+def test_a_unit_stays_whole_and_words_that_look_like_it_do_not():
+    assert wrapped("CAN motor", 6) == ["CAN", "motor"]
+    assert wrapped("1 kN m, 2 N m/rad", 9) == ["1 kN m, 2", "N m/rad"]
 
 
 def test_text_wraps_and_is_indented():
