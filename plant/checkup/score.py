@@ -47,6 +47,9 @@ class ScoreSettings:
         gravity and springs hold the joint against a soft loop.
     unlike : float
         Unexplained share of the steps of a torque from which on a law does not explain them.
+    like : float
+        Difference of logged and commanded torque, as a share of both, up to which the law gives the
+        logged torque.
     limited : float
         Share of the commands beyond the amplifier's limit from which on a log without a torque
         shows the limit; share of a logged torque at its ends from which on it is cut off.
@@ -67,6 +70,7 @@ class ScoreSettings:
     uncoupled: float = 2e-2
     soft: float = 0.06
     unlike: float = 0.3
+    like: float = 0.1
     limited: float = 0.5
     swinging: float = 0.05
     dependent_motion: float = 50.0

@@ -10,7 +10,7 @@ from plant.checkup.evidence import delays, feeds_forward, lag
 from plant.checkup.finding import Check, Finding, unless
 from plant.checkup.hypothesis import SELECTION, Cause, Ranking
 from plant.checkup.innovation import LEAST_MOTION
-from plant.checkup.score import Experiment
+from plant.checkup.score import SETTINGS, Experiment
 from plant.checkup.signals import TRACKING, Signals
 from plant.checkup.trials import Trials
 from plant.checkup.undo import counts_in_time
@@ -251,7 +251,7 @@ def _units(experiment, i):
     unexplained = experiment.command
     if experiment.slow_command is not None:
         unexplained = np.minimum(unexplained, experiment.slow_command)
-    if unexplained is not None and unexplained[i] < _OF_LAW:
+    if unexplained is not None and unexplained[i] < SETTINGS.like:
         return Check("units of torque", i, "of the law's").fine(abs(_law_slope(experiment, i)))
     size = _rotor_inertias(experiment, i)
     if size is None:
@@ -283,9 +283,6 @@ def _units(experiment, i):
         )
     return check.fine(size)
 
-
-# Difference from the law's torque, as a share of both, below which a torque is the law's.
-_OF_LAW = 0.1
 
 # Torque per acceleration [rotor inertias] to look at: no arm is geared so badly.
 _HEAVY = 300.0
