@@ -247,8 +247,10 @@ def role_of(name: str, values: Floats, unit: str | None) -> Role:
     # A single letter such as i numbers joints as often as it means a current.
     if quantity == "current" and "position" in quantities and not {"q", "pos"}.isdisjoint(words):
         quantity = "position" if "i" in words else quantity
-    # The file states a unit on purpose, while words of a name may be accidental.
-    quantity = _UNIT_QUANTITIES.get(unit or "", quantity)
+    # The file states a unit on purpose, while words of a name may be accidental. An error has the
+    # unit of what deviates.
+    if quantity != "error":
+        quantity = _UNIT_QUANTITIES.get(unit or "", quantity)
     # Whole numbers over a wide range are counts, even where the name says position.
     if quantity == "position" and unit is None and _are_counts(values):
         quantity = "counts"

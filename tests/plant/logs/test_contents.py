@@ -200,3 +200,22 @@ def test_commanded_angles_of_motors_are_proposed_as_such(tmp_path):
     contents = Record.read(tmp_path / "a.csv")
     assert contents.columns["motor_position"] == names[:2]
     assert contents.columns["reference_motor_position"] == names[2:]
+
+
+def described(tmp_path, columns):
+    """What a table of these columns holds: name -> values (N,)."""
+    rows = np.column_stack(list(columns.values()))
+    np.savetxt(tmp_path / "a.csv", rows, header=",".join(columns), delimiter=",", comments="")
+    return Record.read(tmp_path / "a.csv")
+
+
+@pytest.mark.parametrize(
+    ("error", "unit", "scale"),
+    [("following_error_{} [pulses]", "pulses", 1.0), ("err_{} [rad]", "rad", 1e-3)],
+)
+def test_an_error_with_a_unit_is_no_position(tmp_path, error, unit, scale):
+    errors = {error.format(i): scale * np.round(30 * Q[:, i]) for i in range(n)}
+    positions = {f"q_{i} [rad]": Q[:, i] for i in range(n)}
+    contents = described(tmp_path, {"t": T} | errors | positions)
+    assert contents.columns == {"t": "t", "position": list(positions)}
+    assert {str(contents.roles[name]) for name in errors} == {f"error [{unit}]"}
