@@ -311,7 +311,8 @@ def _are_counts(values: Floats) -> bool:
 
 def _likely_units(quantity: str, words: Iterable[str], values: Floats) -> tuple[str, ...]:
     """Units that values of this size may have."""
-    largest = float(np.nanmax(np.abs(values), initial=0.0))
+    # One broken sample, such as an infinite one, says nothing of the others.
+    largest = float(np.max(np.abs(values[np.isfinite(values)]), initial=0.0))
     if quantity == "time":
         return (time_unit(values),) if values.ndim == 1 else ()
     if quantity == "position":

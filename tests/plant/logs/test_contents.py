@@ -219,3 +219,10 @@ def test_an_error_with_a_unit_is_no_position(tmp_path, error, unit, scale):
     contents = described(tmp_path, {"t": T} | errors | positions)
     assert contents.columns == {"t": "t", "position": list(positions)}
     assert {str(contents.roles[name]) for name in errors} == {f"error [{unit}]"}
+
+
+def test_an_infinite_sample_leaves_the_unit_as_it_is(tmp_path):
+    angles = {f"q_{i}": Q[:, i].copy() for i in range(n)}
+    angles["q_1"][7] = np.inf
+    contents = described(tmp_path, {"t": T} | angles)
+    assert contents.units["position"] == "rad"
