@@ -302,11 +302,16 @@ def _tokens(name: str) -> list[str]:
     return [token.lower() for token in re.findall(r"[^\W\d_]+|\d+", plain)]
 
 
+def is_whole(values: Floats) -> bool:
+    """The values are whole numbers, and there are such."""
+    present = values[np.isfinite(values)]
+    return len(present) > 0 and bool((present == np.round(present)).all())
+
+
 def _are_counts(values: Floats) -> bool:
     # Encoders count, so positions that are all whole and cover a range are no angles.
-    present = values[np.isfinite(values)]
-    is_whole = len(present) > 0 and bool((present == np.round(present)).all())
-    return is_whole and float(np.ptp(present)) > SETTINGS.min_counts
+    wide = SETTINGS.min_counts
+    return is_whole(values) and float(np.ptp(values[np.isfinite(values)])) > wide
 
 
 def _likely_units(quantity: str, words: Iterable[str], values: Floats) -> tuple[str, ...]:
@@ -336,8 +341,11 @@ def _likely_units(quantity: str, words: Iterable[str], values: Floats) -> tuple[
         )
     if quantity == "current":
         return ("A",) if largest <= SETTINGS.max_amperes else ("mA",)
+    # Errors are small in every unit, so their size tells none; pulses are whole.
+    if quantity == "counts" or (quantity == "error" and is_whole(values)):
+        return ("pulses",)
     # Speeds and the like have no field in a record, and need no unit.
-    return ("pulses",) if quantity in ("counts", "error") else ()
+    return ()
 
 
 def groups_of(

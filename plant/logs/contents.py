@@ -180,7 +180,7 @@ def _likely(
     roles = {name: role_of(called[name], values, units[name]) for name, values in columns.items()}
     # The joint that moves most decides about the unit of all.
     for names in groups_of(roles).values():
-        if roles[names[0]].quantity in ("position", "torque", "current"):
+        if roles[names[0]].quantity in ("position", "torque", "current", "error"):
             together = np.concatenate([columns[name] for name in names])
             roles |= {name: role_of(called[name], together, units[name]) for name in names}
     # Only now, since a word in any name is better evidence of a time than its values.

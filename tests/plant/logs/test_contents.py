@@ -226,3 +226,12 @@ def test_an_infinite_sample_leaves_the_unit_as_it_is(tmp_path):
     angles["q_1"][7] = np.inf
     contents = described(tmp_path, {"t": T} | angles)
     assert contents.units["position"] == "rad"
+
+
+@pytest.mark.parametrize(("scale", "role"), [(1.0, "error [pulses]"), (1e-3, "error")])
+def test_errors_with_fractions_are_in_no_pulses(tmp_path, scale, role):
+    """The joints of a group have one unit, also the one whose error is 0."""
+    errors = {f"joint_position_error_{i}": scale * np.round(30 * Q[:, i]) for i in range(n)}
+    errors["joint_position_error_1"][:] = 0
+    contents = described(tmp_path, {"t": T} | errors)
+    assert {str(contents.roles[name]) for name in errors} == {role}
