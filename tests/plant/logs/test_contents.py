@@ -235,3 +235,21 @@ def test_errors_with_fractions_are_in_no_pulses(tmp_path, scale, role):
     errors["joint_position_error_1"][:] = 0
     contents = described(tmp_path, {"t": T} | errors)
     assert {str(contents.roles[name]) for name in errors} == {role}
+
+
+@pytest.mark.parametrize("rig", [None, RIG])
+def test_counts_of_a_joint_that_hardly_moves_are_counts(tmp_path, rig):
+    counts = {f"pos_{i}": COUNTS[:, i].copy() for i in range(n)}
+    counts["pos_1"] = np.round(COUNTS[:, 1] / 225)
+    described(tmp_path, {"t": T} | counts)
+    contents = Record.read(tmp_path / "a.csv", rig=rig)
+    assert contents.columns["counts"] == list(counts)
+
+
+def test_whole_numbers_beside_fractions_are_counts_alone(tmp_path):
+    """A gripper in steps has the word of the joints, which are in rad; one of them rests at 0."""
+    angles = {f"pos_{i}": Q[:, i].copy() for i in range(n)}
+    angles["pos_1"][:] = 0
+    described(tmp_path, {"t": T} | angles | {"gripper_pos": COUNTS[:, 0]})
+    contents = Record.read(tmp_path / "a.csv", rig=RIG)
+    assert contents.columns["position"] == list(angles)
