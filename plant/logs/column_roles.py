@@ -87,6 +87,8 @@ _COMMANDED = frozenset(
 )
 # German logs call commanded and measured positions by these words alone: `soll_1`, `ist_1`.
 _GERMAN = frozenset(["soll", "sollwert", "sollwerte", "ist", "istwert", "istwerte"])
+# Words of positions whose names have no word of a quantity.
+_WITHOUT_QUANTITY = _JOINTS | _GERMAN
 _MEASURED = frozenset(
     [
         "actual",
@@ -216,11 +218,13 @@ def _of_positions(called: Mapping[str, str]) -> dict[str, str]:
     # Where some commands say that they are positions, the others command something else.
     if any(quantities[name] & of_positions for name in commands):
         return {}
-    # A column that is called by its joint alone holds a position, too.
+    # A column that is called by its joint alone holds a position, too; one of a word that is not
+    # known, such as `pwm_1`, does not.
     measured = {
         _joint(called[name])
         for name in called.keys() - commands
         if quantities[name] <= of_positions
+        and (quantities[name] or not _WITHOUT_QUANTITY.isdisjoint(words[name]))
     }
     return {
         name: f"{without_unit(called[name])[0]}_position"
@@ -242,7 +246,7 @@ def role_of(name: str, values: Floats, unit: str | None) -> Role:
         quantities |= {"position"}
     quantity = next((q for q in _ORDER if q in quantities), "other")
     # Exports by hand often have a column per joint, called by its name.
-    if quantity == "other" and not (_JOINTS | _GERMAN).isdisjoint(words):
+    if quantity == "other" and not _WITHOUT_QUANTITY.isdisjoint(words):
         quantity = "position"
     # A single letter such as i numbers joints as often as it means a current.
     if quantity == "current" and "position" in quantities and not {"q", "pos"}.isdisjoint(words):

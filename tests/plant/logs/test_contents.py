@@ -253,3 +253,12 @@ def test_whole_numbers_beside_fractions_are_counts_alone(tmp_path):
     described(tmp_path, {"t": T} | angles | {"gripper_pos": COUNTS[:, 0]})
     contents = Record.read(tmp_path / "a.csv", rig=RIG)
     assert contents.columns["position"] == list(angles)
+
+
+def test_a_command_of_a_word_that_is_not_known_is_of_no_position(tmp_path):
+    angles = {f"q_{i}": Q[:, i] for i in range(n)}
+    voltages = {f"pwm_{i}": np.cos(Q[:, i]) for i in range(n)}
+    commands = {f"set_pwm_{i}": np.cos(Q[:, i]) for i in range(n)}
+    contents = described(tmp_path, {"t": T} | angles | voltages | commands)
+    assert contents.columns == {"t": "t", "position": list(angles)}
+    assert {contents.roles[name].quantity for name in commands} == {"other"}
