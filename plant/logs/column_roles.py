@@ -108,6 +108,8 @@ _MEASURED = frozenset(
 # Words after which a single letter names a joint, as in `ang_c`. After "joint" a letter is a
 # quantity, as in `joint_q`.
 _BEFORE_LETTERS = _GERMAN | {word for word in _WORDS if "joint" not in word}
+# The letter c as a word of its own, as in `joint_c`, `jointC` and `c1_pos`.
+_LETTER_C = re.compile(r"((?<![^\W\d_])[cC]|(?<=[a-z])C)(?![^\W\d_])")
 # Columns of one group have the same of these words; by their other words they differ, which name
 # joints.
 _VOCABULARY = _WORDS.keys() | _COMMANDED | _MEASURED
@@ -189,21 +191,36 @@ class Role:
 
 
 def written_out(names: Iterable[str]) -> dict[str, str]:
-    """Name -> the name in words: the letters s and i of a pair read `soll` and `ist`.
+    """Name -> the name in words: the letters s and i of a pair become `soll` and `ist`.
 
-    Where commands name no quantity and are of positions, their names get the word "position".
+    The letter c of a joint becomes its number, 3 (`_numbered`). A command of a position that names
+    no quantity gets the word "position" (`_of_positions`).
     """
     every = set(names)
-    written = {}
+    written = _numbered(every)
     for name in every:
         match = re.search(r"_([si])(?=\d*$|_[^_]+$)", name)
-        written[name] = name
         if match is not None:
             front, end = name[: match.start(1)], name[match.end(1) :]
             # Without its partner the letter is that of a joint.
             if {f"{front}s{end}", f"{front}i{end}"} <= every:
                 written[name] = front + {"s": "soll", "i": "ist"}[match[1]] + end
     return written | _of_positions(written)
+
+
+def _numbered(names: Iterable[str]) -> dict[str, str]:
+    """Name -> the name, in which the number 3 replaces the letter c of the joints a, b and c.
+
+    Elsewhere the letter means counts: `joint_c` without `joint_a` and `joint_b`, or `c1`.
+    """
+    spelt = {name: tuple(_tokens(name)) for name in names}
+    present = set(spelt.values())
+    numbered = {}
+    for name, words in spelt.items():
+        others = {tuple(letter if word == "c" else word for word in words) for letter in "ab"}
+        is_joint = "c" in words and others <= present and len(set(_words(name))) > 1
+        numbered[name] = _LETTER_C.sub("_3_", name) if is_joint else name
+    return numbered
 
 
 def _of_positions(called: Mapping[str, str]) -> dict[str, str]:

@@ -262,3 +262,21 @@ def test_a_command_of_a_word_that_is_not_known_is_of_no_position(tmp_path):
     contents = described(tmp_path, {"t": T} | angles | voltages | commands)
     assert contents.columns == {"t": "t", "position": list(angles)}
     assert {contents.roles[name].quantity for name in commands} == {"other"}
+
+
+@pytest.mark.parametrize("form", ["joint_{}", "joint_{}_pos", "axis_{}", "arm_{}/q"])
+@pytest.mark.parametrize("letters", ["abc", "ABC"])
+def test_the_joint_c_has_what_the_joints_a_and_b_have(tmp_path, form, letters):
+    angles = {form.format(letter): Q[:, i] for i, letter in enumerate(letters)}
+    contents = described(tmp_path, {"t": T} | angles)
+    assert {role.quantity for name, role in contents.roles.items() if name in angles} == {
+        "position"
+    }
+
+
+def test_the_letter_c_means_counts_where_no_joints_have_letters(tmp_path):
+    counts = {f"c{i}": COUNTS[:, i] for i in range(n)}
+    letters = {f"{letter}{i}": Q[:, i] for letter in "ab" for i in range(n)}
+    contents = described(tmp_path, {"t": T} | letters | counts | {"joint_c": COUNTS[:, 0]})
+    assert contents.columns["counts"] == list(counts)
+    assert contents.roles["joint_c"].quantity == "counts"
