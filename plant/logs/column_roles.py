@@ -126,8 +126,9 @@ _OF_UNITS = {
     "other": ("V", "mV", "W", "Hz"),
 }
 _UNIT_QUANTITIES = {unit: quantity for quantity, units in _OF_UNITS.items() for unit in units}
-# Start of Unix time in each unit: the year 1973 and later.
-_UNIX = {"ns": 1e17, "us": 1e14, "ms": 1e11, "s": 1e8}
+# Times that start above such a number may be Unix times in its unit, of the year 2001 or later;
+# smaller ones are rather those of a clock that started with the machine.
+_UNIX = {"ns": 1e18, "us": 1e15, "ms": 1e12, "s": 1e9}
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -290,20 +291,21 @@ def folder_of(name: str) -> str:
 
 def time_unit(values: Floats) -> str:
     """The likely unit of times (N,)."""
-    # Unix times of each unit are of another order of magnitude, so the start alone decides.
-    start = float(np.nanmin(values)) if np.isfinite(values).any() else 0.0
-    unix = next((unit for unit, least in _UNIX.items() if start > least), None)
-    if unix is not None:
-        return unix
     # The median of the steps that are positive: rows may repeat a time, or be missing.
     steps = np.diff(values)
     step = float(np.median(steps[steps > 0])) if (steps > 0).any() else 0.0
+    # Unix times of each unit are of another order of magnitude, and so are their starts.
+    start = float(np.nanmin(values)) if np.isfinite(values).any() else 0.0
+    unix = next((unit for unit, least in _UNIX.items() if start > least), None)
+    # A clock of the machine may come there, too: its steps would be too long in this unit.
+    if unix is not None and step / TIME[unix] <= SETTINGS.periods[-1][1]:
+        return unix
     # The usual periods are tried in all units before the rare ones: 1 is 1 ms rather than 1 s.
     for shortest, longest in SETTINGS.periods:
         for unit, per in TIME.items():
             if shortest <= step / per <= longest:
                 return unit
-    return "s"
+    return unix or "s"
 
 
 def _words(name: str) -> list[str]:

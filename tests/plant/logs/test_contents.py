@@ -280,3 +280,26 @@ def test_the_letter_c_means_counts_where_no_joints_have_letters(tmp_path):
     contents = described(tmp_path, {"t": T} | letters | counts | {"joint_c": COUNTS[:, 0]})
     assert contents.columns["counts"] == list(counts)
     assert contents.roles["joint_c"].quantity == "counts"
+
+
+@pytest.mark.parametrize(
+    ("start", "step", "unit"),
+    [
+        (3e8, 1000, "us"),  # five minutes after the machine started
+        (4e9, 250, "us"),  # an hour after
+        (2e12, 5000, "us"),  # weeks after
+        (2e8, 1, "ms"),
+        (1e13, 2_000_000, "ns"),
+        (1.7e9, 0.1, "s"),  # Unix times, down to the slowest logs
+        (1.7e9, 1, "s"),
+        (1.7e12, 100, "ms"),
+        (1.7e15, 2000, "us"),
+        (1.7e18, 100_000_000, "ns"),
+        (1.7e18, 1e10, "ns"),
+    ],
+)
+def test_the_step_tells_unix_times_from_a_clock_that_started_with_the_machine(
+    tmp_path, start, step, unit
+):
+    contents = described(tmp_path, {"t": start + step * np.arange(N), "q_1": Q[:, 0]})
+    assert contents.units["t"] == unit
