@@ -391,12 +391,12 @@ def fields_of(roles: Mapping[str, Role], n: int | None) -> dict[str, list[str]]:
     groups = groups_of(roles)
 
     def best(*quantities: str, commanded: bool = False, size: int | None = None) -> list[str]:
-        """The largest group of a quantity, the measured one before others."""
+        """The largest group of a quantity; of groups of one size, one that is named as measured."""
         candidates = [
             (
                 size is not None and len(names) == size,
-                not _MEASURED.isdisjoint(key[2]),
                 len(names),
+                not _MEASURED.isdisjoint(key[2]),
                 names,
             )
             for key, names in groups.items()

@@ -303,3 +303,12 @@ def test_the_step_tells_unix_times_from_a_clock_that_started_with_the_machine(
 ):
     contents = described(tmp_path, {"t": start + step * np.arange(N), "q_1": Q[:, 0]})
     assert contents.units["t"] == unit
+
+
+def test_the_largest_group_is_mapped_and_the_measured_one_of_two_of_a_size(tmp_path):
+    angles = {f"q_{i}": Q[:, i] for i in range(n)}
+    contents = described(tmp_path, {"t": T, "motor_pos": Q[:, 0]} | angles)
+    assert contents.columns["position"] == list(angles)
+    actual = {f"actual_{name}": values for name, values in angles.items()}
+    contents = described(tmp_path, {"t": T} | angles | actual)
+    assert contents.columns["position"] == list(actual)
