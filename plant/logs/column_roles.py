@@ -286,7 +286,10 @@ def role_of(name: str, values: Floats, unit: str | None) -> Role:
 
 def folder_of(name: str) -> str:
     """The topic of a column of messages, or the HDF5 group of a column; else an empty text."""
-    return name.partition(".")[0] if name.startswith("/") else name.rpartition("/")[0]
+    if name.startswith("/"):
+        return name.partition(".")[0]
+    # The slash of a unit in brackets, known or not, is none of a folder: `qd_1 [rad/s]`.
+    return re.sub(r"[\[(][^\[\]()]*[\])]$", "", name).rpartition("/")[0]
 
 
 def time_unit(values: Floats) -> str:

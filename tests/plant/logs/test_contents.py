@@ -312,3 +312,12 @@ def test_the_largest_group_is_mapped_and_the_measured_one_of_two_of_a_size(tmp_p
     actual = {f"actual_{name}": values for name, values in angles.items()}
     contents = described(tmp_path, {"t": T} | angles | actual)
     assert contents.columns["position"] == list(actual)
+
+
+@pytest.mark.parametrize("form", ["q_{} [deg/10]", "arm/enc_{} (inc/rev)", "qd_{} [rad/s]"])
+def test_the_slash_of_a_unit_parts_no_group(tmp_path, form):
+    names = [form.format(i) for i in range(n)]
+    contents = described(tmp_path, {"t": T} | dict(zip(names, Q.T, strict=True)))
+    assert len({contents.roles[name].group for name in names}) == 1
+    if "qd" not in form:
+        assert names in contents.columns.values()
