@@ -110,10 +110,9 @@ _MEASURED = frozenset(
 _BEFORE_LETTERS = _GERMAN | {word for word in _WORDS if "joint" not in word}
 # The letter c as a word of its own, as in `joint_c`, `jointC` and `c1_pos`.
 _LETTER_C = re.compile(r"((?<![^\W\d_])[cC]|(?<=[a-z])C)(?![^\W\d_])")
-# Columns of one group have the same of these words; by their other words they differ, which name
-# joints.
+# The names of one group's columns share these words; their other words name the joints.
 _VOCABULARY = _WORDS.keys() | _COMMANDED | _MEASURED
-# A unit says more than a name.
+# A unit says more than a name, except of an error.
 _OF_UNITS = {
     "time": ("s", "ms", "us", "ns"),
     "position": ("rad", "deg", "turns", "gon", "mrad", "m", "mm"),
@@ -142,7 +141,7 @@ class RoleSettings:
     max_radians : float
         Largest angle that is likely in rad; two turns.
     max_turns : float
-        Largest angle that may as well be in turns.
+        Largest number that may be an angle in turns as well as in rad.
     max_normalised : float
         Largest value of a percentage.
     max_amperes : float
@@ -150,7 +149,7 @@ class RoleSettings:
     max_torque : float
         Largest torque [N m] that is likely; larger numbers may be per mille of a rated torque.
     min_counts : float
-        Range of whole numbers from which on they are counts.
+        Whole numbers are counts if their range is larger than this.
     """
 
     periods: tuple[tuple[float, float], ...] = ((2e-4, 0.05), (5e-6, 2.0))
@@ -176,7 +175,8 @@ class Role:
     commanded : bool
         The value was asked for, not measured.
     units : tuple of str
-        Likely units, the likeliest first; none of quantities that no record has, such as speeds.
+        The unit that the file states; else the likely ones, the likeliest first, or none, as for
+        speeds.
     group : tuple of str
         Its folder or topic, and the words of its name that do not name its joint.
     """
@@ -225,9 +225,9 @@ def _numbered(names: Iterable[str]) -> dict[str, str]:
 
 
 def _of_positions(called: Mapping[str, str]) -> dict[str, str]:
-    """Name -> the name with the word position, of commands that name a joint and no quantity.
+    """Commands of positions that name no quantity: name -> the name with "position" added.
 
-    Positions of the same joints show what they command: `cmd_1` beside `count_1`.
+    Such a command names the joint of a column of positions: `cmd_1` beside `count_1`.
     """
     words = {name: set(_words(text)) for name, text in called.items()}
     quantities = {name: {_WORDS[word] for word in words[name] & _WORDS.keys()} for name in called}
@@ -259,7 +259,7 @@ def role_of(name: str, values: Floats, unit: str | None) -> Role:
     lettered = bool(front) and len(words[-1]) == 1 and front[-1] in _BEFORE_LETTERS
     words = front if lettered else words
     quantities = {_WORDS[word] for word in words if word in _WORDS}
-    # LeRobot data sets name positions so, and goals `action`.
+    # LeRobot data sets call positions `observation.state`, and goals `action`.
     if {"observation", "state"} <= set(words) or words == ["action"]:
         quantities |= {"position"}
     quantity = next((q for q in _ORDER if q in quantities), "other")
@@ -380,7 +380,7 @@ def groups_of(
     """Columns that differ by their joint alone."""
     groups = dict[tuple[str, bool, tuple[str, ...]], list[str]]()
     for name, role in roles.items():
-        # Joints of one signal share quantity, direction and folder; their names differ by one word.
+        # The joints of one signal share all three; their names differ only by the joint.
         groups.setdefault((role.quantity, role.commanded, role.group), []).append(name)
     return groups
 
