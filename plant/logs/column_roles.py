@@ -87,6 +87,8 @@ _COMMANDED = frozenset(
 )
 # German logs call commanded and measured positions by these words alone: `soll_1`, `ist_1`.
 _GERMAN = frozenset(["soll", "sollwert", "sollwerte", "ist", "istwert", "istwerte"])
+# Words of positions whose names have no word of a quantity.
+_WITHOUT_QUANTITY = _JOINTS | _GERMAN
 _MEASURED = frozenset(
     [
         "actual",
@@ -106,10 +108,11 @@ _MEASURED = frozenset(
 # Words after which a single letter names a joint, as in `ang_c`. After "joint" a letter is a
 # quantity, as in `joint_q`.
 _BEFORE_LETTERS = _GERMAN | {word for word in _WORDS if "joint" not in word}
-# Columns of one group have the same of these words; by their other words they differ, which name
-# joints.
+# The letter c as a word of its own, as in `joint_c`, `jointC` and `c1_pos`.
+_LETTER_C = re.compile(r"((?<![^\W\d_])[cC]|(?<=[a-z])C)(?![^\W\d_])")
+# The names of one group's columns share these words; their other words name the joints.
 _VOCABULARY = _WORDS.keys() | _COMMANDED | _MEASURED
-# A unit says more than a name.
+# A unit says more than a name, except of an error.
 _OF_UNITS = {
     "time": ("s", "ms", "us", "ns"),
     "position": ("rad", "deg", "turns", "gon", "mrad", "m", "mm"),
@@ -122,8 +125,9 @@ _OF_UNITS = {
     "other": ("V", "mV", "W", "Hz"),
 }
 _UNIT_QUANTITIES = {unit: quantity for quantity, units in _OF_UNITS.items() for unit in units}
-# Start of Unix time in each unit: the year 1973 and later.
-_UNIX = {"ns": 1e17, "us": 1e14, "ms": 1e11, "s": 1e8}
+# Times that start above such a number may be Unix times in its unit, of the year 2001 or later;
+# smaller ones are rather those of a clock that started with the machine.
+_UNIX = {"ns": 1e18, "us": 1e15, "ms": 1e12, "s": 1e9}
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -137,7 +141,7 @@ class RoleSettings:
     max_radians : float
         Largest angle that is likely in rad; two turns.
     max_turns : float
-        Largest angle that may as well be in turns.
+        Largest number that may be an angle in turns as well as in rad.
     max_normalised : float
         Largest value of a percentage.
     max_amperes : float
@@ -145,7 +149,7 @@ class RoleSettings:
     max_torque : float
         Largest torque [N m] that is likely; larger numbers may be per mille of a rated torque.
     min_counts : float
-        Range of whole numbers from which on they are counts.
+        Whole numbers are counts if their range is larger than this.
     """
 
     periods: tuple[tuple[float, float], ...] = ((2e-4, 0.05), (5e-6, 2.0))
@@ -171,7 +175,8 @@ class Role:
     commanded : bool
         The value was asked for, not measured.
     units : tuple of str
-        Likely units, the likeliest first; none of quantities that no record has, such as speeds.
+        The unit that the file states; else the likely ones, the likeliest first, or none, as for
+        speeds.
     group : tuple of str
         Its folder or topic, and the words of its name that do not name its joint.
     """
@@ -187,15 +192,15 @@ class Role:
 
 
 def written_out(names: Iterable[str]) -> dict[str, str]:
-    """Name -> the name in words: the letters s and i of a pair read `soll` and `ist`.
+    """Name -> the name in words: the letters s and i of a pair become `soll` and `ist`.
 
-    Where commands name no quantity and are of positions, their names get the word "position".
+    The letter c of a joint becomes its number, 3 (`_numbered`). A command of a position that names
+    no quantity gets the word "position" (`_of_positions`).
     """
     every = set(names)
-    written = {}
+    written = _numbered(every)
     for name in every:
         match = re.search(r"_([si])(?=\d*$|_[^_]+$)", name)
-        written[name] = name
         if match is not None:
             front, end = name[: match.start(1)], name[match.end(1) :]
             # Without its partner the letter is that of a joint.
@@ -204,10 +209,25 @@ def written_out(names: Iterable[str]) -> dict[str, str]:
     return written | _of_positions(written)
 
 
-def _of_positions(called: Mapping[str, str]) -> dict[str, str]:
-    """Name -> the name with the word position, of commands that name a joint and no quantity.
+def _numbered(names: Iterable[str]) -> dict[str, str]:
+    """Name -> the name, in which the number 3 replaces the letter c of the joints a, b and c.
 
-    Positions of the same joints show what they command: `cmd_1` beside `count_1`.
+    Elsewhere the letter means counts: `joint_c` without `joint_a` and `joint_b`, or `c1`.
+    """
+    spelt = {name: tuple(_tokens(name)) for name in names}
+    present = set(spelt.values())
+    numbered = {}
+    for name, words in spelt.items():
+        others = {tuple(letter if word == "c" else word for word in words) for letter in "ab"}
+        is_joint = "c" in words and others <= present and len(set(_words(name))) > 1
+        numbered[name] = _LETTER_C.sub("_3_", name) if is_joint else name
+    return numbered
+
+
+def _of_positions(called: Mapping[str, str]) -> dict[str, str]:
+    """Commands of positions that name no quantity: name -> the name with "position" added.
+
+    Such a command names the joint of a column of positions: `cmd_1` beside `count_1`.
     """
     words = {name: set(_words(text)) for name, text in called.items()}
     quantities = {name: {_WORDS[word] for word in words[name] & _WORDS.keys()} for name in called}
@@ -216,11 +236,13 @@ def _of_positions(called: Mapping[str, str]) -> dict[str, str]:
     # Where some commands say that they are positions, the others command something else.
     if any(quantities[name] & of_positions for name in commands):
         return {}
-    # A column that is called by its joint alone holds a position, too.
+    # A column that is called by its joint alone holds a position, too; one of a word that is not
+    # known, such as `pwm_1`, does not.
     measured = {
         _joint(called[name])
         for name in called.keys() - commands
         if quantities[name] <= of_positions
+        and (quantities[name] or not _WITHOUT_QUANTITY.isdisjoint(words[name]))
     }
     return {
         name: f"{without_unit(called[name])[0]}_position"
@@ -237,18 +259,20 @@ def role_of(name: str, values: Floats, unit: str | None) -> Role:
     lettered = bool(front) and len(words[-1]) == 1 and front[-1] in _BEFORE_LETTERS
     words = front if lettered else words
     quantities = {_WORDS[word] for word in words if word in _WORDS}
-    # LeRobot data sets name positions so, and goals `action`.
+    # LeRobot data sets call positions `observation.state`, and goals `action`.
     if {"observation", "state"} <= set(words) or words == ["action"]:
         quantities |= {"position"}
     quantity = next((q for q in _ORDER if q in quantities), "other")
     # Exports by hand often have a column per joint, called by its name.
-    if quantity == "other" and not (_JOINTS | _GERMAN).isdisjoint(words):
+    if quantity == "other" and not _WITHOUT_QUANTITY.isdisjoint(words):
         quantity = "position"
     # A single letter such as i numbers joints as often as it means a current.
     if quantity == "current" and "position" in quantities and not {"q", "pos"}.isdisjoint(words):
         quantity = "position" if "i" in words else quantity
-    # The file states a unit on purpose, while words of a name may be accidental.
-    quantity = _UNIT_QUANTITIES.get(unit or "", quantity)
+    # The file states a unit on purpose, while words of a name may be accidental. An error has the
+    # unit of what deviates.
+    if quantity != "error":
+        quantity = _UNIT_QUANTITIES.get(unit or "", quantity)
     # Whole numbers over a wide range are counts, even where the name says position.
     if quantity == "position" and unit is None and _are_counts(values):
         quantity = "counts"
@@ -262,25 +286,29 @@ def role_of(name: str, values: Floats, unit: str | None) -> Role:
 
 def folder_of(name: str) -> str:
     """The topic of a column of messages, or the HDF5 group of a column; else an empty text."""
-    return name.partition(".")[0] if name.startswith("/") else name.rpartition("/")[0]
+    if name.startswith("/"):
+        return name.partition(".")[0]
+    # The slash of a unit in brackets, known or not, is none of a folder: `qd_1 [rad/s]`.
+    return re.sub(r"[\[(][^\[\]()]*[\])]$", "", name).rpartition("/")[0]
 
 
 def time_unit(values: Floats) -> str:
     """The likely unit of times (N,)."""
-    # Unix times of each unit are of another order of magnitude, so the start alone decides.
-    start = float(np.nanmin(values)) if np.isfinite(values).any() else 0.0
-    unix = next((unit for unit, least in _UNIX.items() if start > least), None)
-    if unix is not None:
-        return unix
     # The median of the steps that are positive: rows may repeat a time, or be missing.
     steps = np.diff(values)
     step = float(np.median(steps[steps > 0])) if (steps > 0).any() else 0.0
+    # Unix times of each unit are of another order of magnitude, and so are their starts.
+    start = float(np.nanmin(values)) if np.isfinite(values).any() else 0.0
+    unix = next((unit for unit, least in _UNIX.items() if start > least), None)
+    # A clock of the machine may come there, too: its steps would be too long in this unit.
+    if unix is not None and step / TIME[unix] <= SETTINGS.periods[-1][1]:
+        return unix
     # The usual periods are tried in all units before the rare ones: 1 is 1 ms rather than 1 s.
     for shortest, longest in SETTINGS.periods:
         for unit, per in TIME.items():
             if shortest <= step / per <= longest:
                 return unit
-    return "s"
+    return unix or "s"
 
 
 def _words(name: str) -> list[str]:
@@ -300,16 +328,22 @@ def _tokens(name: str) -> list[str]:
     return [token.lower() for token in re.findall(r"[^\W\d_]+|\d+", plain)]
 
 
+def is_whole(values: Floats) -> bool:
+    """The values are whole numbers, and there are such."""
+    present = values[np.isfinite(values)]
+    return len(present) > 0 and bool((present == np.round(present)).all())
+
+
 def _are_counts(values: Floats) -> bool:
     # Encoders count, so positions that are all whole and cover a range are no angles.
-    present = values[np.isfinite(values)]
-    is_whole = len(present) > 0 and bool((present == np.round(present)).all())
-    return is_whole and float(np.ptp(present)) > SETTINGS.min_counts
+    wide = SETTINGS.min_counts
+    return is_whole(values) and float(np.ptp(values[np.isfinite(values)])) > wide
 
 
 def _likely_units(quantity: str, words: Iterable[str], values: Floats) -> tuple[str, ...]:
     """Units that values of this size may have."""
-    largest = float(np.nanmax(np.abs(values), initial=0.0))
+    # One broken sample, such as an infinite one, says nothing of the others.
+    largest = float(np.max(np.abs(values[np.isfinite(values)]), initial=0.0))
     if quantity == "time":
         return (time_unit(values),) if values.ndim == 1 else ()
     if quantity == "position":
@@ -333,8 +367,11 @@ def _likely_units(quantity: str, words: Iterable[str], values: Floats) -> tuple[
         )
     if quantity == "current":
         return ("A",) if largest <= SETTINGS.max_amperes else ("mA",)
+    # Errors are small in every unit, so their size tells none; pulses are whole.
+    if quantity == "counts" or (quantity == "error" and is_whole(values)):
+        return ("pulses",)
     # Speeds and the like have no field in a record, and need no unit.
-    return ("pulses",) if quantity in ("counts", "error") else ()
+    return ()
 
 
 def groups_of(
@@ -343,7 +380,7 @@ def groups_of(
     """Columns that differ by their joint alone."""
     groups = dict[tuple[str, bool, tuple[str, ...]], list[str]]()
     for name, role in roles.items():
-        # Joints of one signal share quantity, direction and folder; their names differ by one word.
+        # The joints of one signal share all three; their names differ only by the joint.
         groups.setdefault((role.quantity, role.commanded, role.group), []).append(name)
     return groups
 
@@ -357,12 +394,12 @@ def fields_of(roles: Mapping[str, Role], n: int | None) -> dict[str, list[str]]:
     groups = groups_of(roles)
 
     def best(*quantities: str, commanded: bool = False, size: int | None = None) -> list[str]:
-        """The largest group of a quantity, the measured one before others."""
+        """The largest group of a quantity; of groups of one size, one that is named as measured."""
         candidates = [
             (
                 size is not None and len(names) == size,
-                not _MEASURED.isdisjoint(key[2]),
                 len(names),
+                not _MEASURED.isdisjoint(key[2]),
                 names,
             )
             for key, names in groups.items()

@@ -9,7 +9,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from plant.logs.column_roles import Role, fields_of, folder_of, groups_of, role_of, written_out
+from plant.logs.column_roles import (
+    Role,
+    fields_of,
+    folder_of,
+    groups_of,
+    is_whole,
+    role_of,
+    written_out,
+)
 from plant.logs.logfile import LogTable, kind_of, load_errors, options_of, read_file
 from plant.logs.unit_words import without_unit
 from plant.logs.units import TIME, UNITS
@@ -178,9 +186,15 @@ def _likely(
     units = {name: stated.get(name) or without_unit(name)[1] for name in columns}
     called = written_out(columns)
     roles = {name: role_of(called[name], values, units[name]) for name, values in columns.items()}
+    # A joint that hardly moves has counts if the others of its group, by names alone, have counts.
+    by_name = {name: role_of(called[name], columns[name][:0], units[name]) for name in columns}
+    for names in groups_of(by_name).values():
+        counts = next((columns[name] for name in names if roles[name].quantity == "counts"), None)
+        if counts is not None and all(is_whole(columns[name]) for name in names):
+            roles |= {name: role_of(called[name], counts, units[name]) for name in names}
     # The joint that moves most decides about the unit of all.
     for names in groups_of(roles).values():
-        if roles[names[0]].quantity in ("position", "torque", "current"):
+        if roles[names[0]].quantity in ("position", "torque", "current", "error"):
             together = np.concatenate([columns[name] for name in names])
             roles |= {name: role_of(called[name], together, units[name]) for name in names}
     # Only now, since a word in any name is better evidence of a time than its values.

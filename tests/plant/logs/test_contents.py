@@ -200,3 +200,124 @@ def test_commanded_angles_of_motors_are_proposed_as_such(tmp_path):
     contents = Record.read(tmp_path / "a.csv")
     assert contents.columns["motor_position"] == names[:2]
     assert contents.columns["reference_motor_position"] == names[2:]
+
+
+def described(tmp_path, columns):
+    """What a table of these columns holds: name -> values (N,)."""
+    rows = np.column_stack(list(columns.values()))
+    np.savetxt(tmp_path / "a.csv", rows, header=",".join(columns), delimiter=",", comments="")
+    return Record.read(tmp_path / "a.csv")
+
+
+@pytest.mark.parametrize(
+    ("error", "unit", "scale"),
+    [("following_error_{} [pulses]", "pulses", 1.0), ("err_{} [rad]", "rad", 1e-3)],
+)
+def test_an_error_with_a_unit_is_no_position(tmp_path, error, unit, scale):
+    errors = {error.format(i): scale * np.round(30 * Q[:, i]) for i in range(n)}
+    positions = {f"q_{i} [rad]": Q[:, i] for i in range(n)}
+    contents = described(tmp_path, {"t": T} | errors | positions)
+    assert contents.columns == {"t": "t", "position": list(positions)}
+    assert {str(contents.roles[name]) for name in errors} == {f"error [{unit}]"}
+
+
+def test_an_infinite_sample_leaves_the_unit_as_it_is(tmp_path):
+    angles = {f"q_{i}": Q[:, i].copy() for i in range(n)}
+    angles["q_1"][7] = np.inf
+    contents = described(tmp_path, {"t": T} | angles)
+    assert contents.units["position"] == "rad"
+
+
+@pytest.mark.parametrize(("scale", "role"), [(1.0, "error [pulses]"), (1e-3, "error")])
+def test_errors_with_fractions_are_in_no_pulses(tmp_path, scale, role):
+    """The joints of a group have one unit, also the one whose error is 0."""
+    errors = {f"joint_position_error_{i}": scale * np.round(30 * Q[:, i]) for i in range(n)}
+    errors["joint_position_error_1"][:] = 0
+    contents = described(tmp_path, {"t": T} | errors)
+    assert {str(contents.roles[name]) for name in errors} == {role}
+
+
+@pytest.mark.parametrize("rig", [None, RIG])
+def test_counts_of_a_joint_that_hardly_moves_are_counts(tmp_path, rig):
+    counts = {f"pos_{i}": COUNTS[:, i].copy() for i in range(n)}
+    counts["pos_1"] = np.round(COUNTS[:, 1] / 225)
+    described(tmp_path, {"t": T} | counts)
+    contents = Record.read(tmp_path / "a.csv", rig=rig)
+    assert contents.columns["counts"] == list(counts)
+
+
+def test_whole_numbers_beside_fractions_are_counts_alone(tmp_path):
+    """A gripper in steps has the word of the joints, which are in rad; one of them rests at 0."""
+    angles = {f"pos_{i}": Q[:, i].copy() for i in range(n)}
+    angles["pos_1"][:] = 0
+    described(tmp_path, {"t": T} | angles | {"gripper_pos": COUNTS[:, 0]})
+    contents = Record.read(tmp_path / "a.csv", rig=RIG)
+    assert contents.columns["position"] == list(angles)
+
+
+def test_a_command_of_a_word_that_is_not_known_is_of_no_position(tmp_path):
+    angles = {f"q_{i}": Q[:, i] for i in range(n)}
+    voltages = {f"pwm_{i}": np.cos(Q[:, i]) for i in range(n)}
+    commands = {f"set_pwm_{i}": np.cos(Q[:, i]) for i in range(n)}
+    contents = described(tmp_path, {"t": T} | angles | voltages | commands)
+    assert contents.columns == {"t": "t", "position": list(angles)}
+    assert {contents.roles[name].quantity for name in commands} == {"other"}
+
+
+@pytest.mark.parametrize("form", ["joint_{}", "joint_{}_pos", "axis_{}", "arm_{}/q"])
+@pytest.mark.parametrize("letters", ["abc", "ABC"])
+def test_the_joint_c_has_what_the_joints_a_and_b_have(tmp_path, form, letters):
+    angles = {form.format(letter): Q[:, i] for i, letter in enumerate(letters)}
+    contents = described(tmp_path, {"t": T} | angles)
+    assert {role.quantity for name, role in contents.roles.items() if name in angles} == {
+        "position"
+    }
+
+
+def test_the_letter_c_means_counts_where_no_joints_have_letters(tmp_path):
+    counts = {f"c{i}": COUNTS[:, i] for i in range(n)}
+    letters = {f"{letter}{i}": Q[:, i] for letter in "ab" for i in range(n)}
+    contents = described(tmp_path, {"t": T} | letters | counts | {"joint_c": COUNTS[:, 0]})
+    assert contents.columns["counts"] == list(counts)
+    assert contents.roles["joint_c"].quantity == "counts"
+
+
+@pytest.mark.parametrize(
+    ("start", "step", "unit"),
+    [
+        (3e8, 1000, "us"),  # five minutes after the machine started
+        (4e9, 250, "us"),  # an hour after
+        (2e12, 5000, "us"),  # weeks after
+        (2e8, 1, "ms"),
+        (1e13, 2_000_000, "ns"),
+        (1.7e9, 0.1, "s"),  # Unix times, down to the slowest logs
+        (1.7e9, 1, "s"),
+        (1.7e12, 100, "ms"),
+        (1.7e15, 2000, "us"),
+        (1.7e18, 100_000_000, "ns"),
+        (1.7e18, 1e10, "ns"),
+    ],
+)
+def test_the_step_tells_unix_times_from_a_clock_that_started_with_the_machine(
+    tmp_path, start, step, unit
+):
+    contents = described(tmp_path, {"t": start + step * np.arange(N), "q_1": Q[:, 0]})
+    assert contents.units["t"] == unit
+
+
+def test_the_largest_group_is_mapped_and_the_measured_one_of_two_of_a_size(tmp_path):
+    angles = {f"q_{i}": Q[:, i] for i in range(n)}
+    contents = described(tmp_path, {"t": T, "motor_pos": Q[:, 0]} | angles)
+    assert contents.columns["position"] == list(angles)
+    actual = {f"actual_{name}": values for name, values in angles.items()}
+    contents = described(tmp_path, {"t": T} | angles | actual)
+    assert contents.columns["position"] == list(actual)
+
+
+@pytest.mark.parametrize("form", ["q_{} [deg/10]", "arm/enc_{} (inc/rev)", "qd_{} [rad/s]"])
+def test_the_slash_of_a_unit_parts_no_group(tmp_path, form):
+    names = [form.format(i) for i in range(n)]
+    contents = described(tmp_path, {"t": T} | dict(zip(names, Q.T, strict=True)))
+    assert len({contents.roles[name].group for name in names}) == 1
+    if "qd" not in form:
+        assert names in contents.columns.values()
