@@ -128,6 +128,11 @@ def rooms_of(tree, file):
     return [str(test.relative_to(tree)) for test in tests]
 
 
+def first_line(node):
+    """That of a statement, with its decorators."""
+    return min([node.lineno, *(word.lineno for word in getattr(node, "decorator_list", ()))])
+
+
 def ran_by(tree, file, line, contexts):
     """Tests that ran the statement of a line, those of its room first; of a statement that runs on
     import all tests that ran anything of the file.
@@ -135,13 +140,13 @@ def ran_by(tree, file, line, contexts):
     statements = [
         node
         for node in ast.walk(ast.parse(file.read_text(encoding="utf-8")))
-        if isinstance(node, ast.stmt) and node.lineno <= line <= node.end_lineno
+        if isinstance(node, ast.stmt) and first_line(node) <= line <= node.end_lineno
     ]
     innermost = max(statements, key=lambda node: node.lineno)
     # A header ends where its body begins, which other tests may run.
     body = getattr(innermost, "body", None)
     end = body[0].lineno - 1 if body else innermost.end_lineno
-    lines = range(innermost.lineno, end + 1)
+    lines = range(first_line(innermost), end + 1)
     by_line = contexts(file.relative_to(tree).as_posix())
     tests = {test for line in lines for test in by_line.get(line, ())} - {""}
     if not tests:
@@ -152,7 +157,9 @@ def ran_by(tree, file, line, contexts):
 
 
 def contexts_of(coverage_file):
-    """A function that gives the tests that ran each line of a file, by its place in the tree."""
+    """A function that gives the tests that ran each line of a file, by its place in the tree; its
+    `tests` are all that ran.
+    """
     from coverage import CoverageData
 
     data = CoverageData(basename=coverage_file)
@@ -164,6 +171,7 @@ def contexts_of(coverage_file):
         names = [name for name in measured if name.endswith(f"/{place}")]
         return data.contexts_by_lineno(names[0]) if names else {}
 
+    contexts.tests = data.measured_contexts()
     return contexts
 
 
@@ -249,10 +257,16 @@ def main():
             for change in changes(file, ("comparison", "sign", "number", "index"))
         ]
         picked = random.Random(chosen.seed).sample(every, chosen.seeded)  # noqa: S311
-        contexts = chosen.coverage and contexts_of(chosen.coverage)
+        contexts = contexts_of(chosen.coverage) if chosen.coverage else None
 
         def tests_of(file, line):
-            return (contexts and ran_by(tree, file, line, contexts)) or rooms_of(tree, file)
+            rooms = rooms_of(tree, file)
+            if contexts is None:
+                return rooms
+            ran = ran_by(tree, file, line, contexts)
+            # Files of the room that the measured run left out may notice it as well.
+            measured = {test.partition("::")[0] for test in contexts.tests}
+            return ran + [place for place in rooms if place not in measured]
 
         picked = [(*change, tests_of(*change[:2])) for change in picked]
     print(f"{len(picked)} of {len(every)} places in {len(files)} files", flush=True)
