@@ -229,9 +229,18 @@ class PayloadController:
         if loop_time - (time.perf_counter() - self._submitted_time) > SETTINGS.lead:
             estimate = self._worker.wait(self._job, SETTINGS.patience)
         else:
-            estimate = self._worker.poll(self._job)
+            estimate = self._polled()
         if estimate is not None:
             self._identified(estimate)
+
+    def _polled(self) -> PayloadEstimate | None:
+        """The answer, if it is there; the prior, with the reason, if there will be none."""
+        try:
+            estimate: PayloadEstimate | None = self._worker.poll(self._job)
+        except ValueError as error:
+            # A loop on a robot must go on where its estimator fails or its process has ended.
+            return dataclasses.replace(self.estimator.prior, message=str(error))
+        return estimate
 
     def _identified(self, estimate: PayloadEstimate) -> None:
         event = self.events[-1]

@@ -1,14 +1,14 @@
 """Feedback and observer gains of one joint, from bandwidth and damping, poles, or noise (Kalman).
 
-If the model cancels the arm's dynamics, the error of a joint is a double integrator of minus the
-feedback acceleration. Gains are feedback accelerations per error [rad], not torques. `motor_gain`
-converts them to motor torque per pulse, the gains of `P` and similar laws, with the inertia of the
-joint.
+If the model cancels the arm's dynamics, the second derivative of a joint's error is minus the
+feedback acceleration. PID gains are feedback accelerations per error [rad], not torques.
+`motor_gain` uses the inertia of each joint to convert them to motor torques per pulse, the unit of
+the gains of `P` and similar laws.
 """
 
 import casadi as ca
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from ctc.laws.observer import predict
 from plant import Rig
@@ -25,11 +25,11 @@ def pid_gains(
     bandwidth : float
         w [rad/s]
     damping : float
-        zeta. With 1/sqrt(2), as in `ComputedTorque`, and a bandwidth of sqrt(a / e), the feedback
-        is the linear-quadratic regulator that weighs an error e [rad] as much as a feedback
-        acceleration a [rad/s^2].
+        zeta. With 1/sqrt(2), as in `ComputedTorque`, a bandwidth of sqrt(a / e) and no integral
+        part, the feedback is the linear-quadratic regulator that weighs an error e [rad] as much as
+        a feedback acceleration a [rad/s^2].
     integral : float
-        p, pole of the integral part [rad/s]; 0 for none.
+        p [rad/s]. The integral part adds an error pole at -p; 0 leaves the integral part out.
 
     Returns
     -------
@@ -63,9 +63,9 @@ def pid_gains(
 
 
 def motor_gain(rig: Rig, inertia: ArrayLike, gain: ArrayLike) -> Floats:
-    """Motor torque per pulse [N m], the unit of `P`, for an acceleration per error.
+    """Motor torque per pulse [N m], as `P` takes it, from a feedback acceleration per error.
 
-    It converts gains on the rate and on the integral of the error alike.
+    The function converts gains on the rate and on the integral of the error in the same way.
 
     Parameters
     ----------
@@ -78,6 +78,11 @@ def motor_gain(rig: Rig, inertia: ArrayLike, gain: ArrayLike) -> Floats:
     Returns
     -------
     (n,) numpy.ndarray
+
+    Raises
+    ------
+    ValueError
+        A wrong shape, a number that is not finite, or motors that are coupled.
 
     See Also
     --------
@@ -92,6 +97,10 @@ def motor_gain(rig: Rig, inertia: ArrayLike, gain: ArrayLike) -> Floats:
     """
     instance("rig", rig, Rig, "Pass the rig of the arm.")
     of_joints = array("inertia", inertia, (rig.n,), advice="Give the diagonal of arm.D(q).")
+    # One number holds for every joint.
+    gains = np.full(rig.n, gain) if np.ndim(gain) == 0 else gain
+    advice = "Give one number, or one per joint [1/s^2]."
+    accelerations = array("gain", gains, (rig.n,), advice=advice)
     pulse = rig.to_angle(np.ones(rig.n))
     # With coupled motors a gain of one joint acts on several motors.
     if rig.drive.coupling.matrix:
@@ -100,7 +109,7 @@ def motor_gain(rig: Rig, inertia: ArrayLike, gain: ArrayLike) -> Floats:
             " full."
         )
     # The acceleration of one pulse of error, times the inertia, through the gear.
-    return rig.drive.motor_torque(of_joints * np.asarray(gain) * pulse)
+    return rig.drive.motor_torque(of_joints * accelerations * pulse)
 
 
 def observer_gains(
@@ -115,20 +124,23 @@ def observer_gains(
     ----------
     rig : Rig
     poles : (3,) array_like, optional
-        Continuous-time [rad/s], negative real parts; complex ones in pairs.
+        Continuous-time [rad/s], negative real parts; complex ones in pairs, with imaginary parts
+        below pi divided by the rig's period.
     disturbance : float or (n,) array_like, optional
-        Instead of poles: standard deviation of the change of the disturbance acceleration, a random
-        walk, in one second [rad/s^2].
+        Selects the Kalman filter, instead of poles. The filter models the disturbance acceleration
+        as a random walk; this is the standard deviation of its change in one second [rad/s^2].
 
     Returns
     -------
     (n, 3) numpy.ndarray
-        Of the innovation in the corrections of error, rate [1/s] and disturbance [1/s^2].
+        Corrections of error [1], rate [1/s] and disturbance [1/s^2] per unit of the innovation.
 
     Raises
     ------
     ValueError
-        Poles that are not stable; both of them, or neither.
+        The poles are not three finite, stable ones, complex poles are not in pairs, or are too fast
+        for the rig's period; the disturbance is not positive; both poles and disturbance are given,
+        or neither is.
 
     See Also
     --------
@@ -146,18 +158,11 @@ def observer_gains(
     instance("rig", rig, Rig, "Pass the rig of the arm.")
     if (poles is None) == (disturbance is None):
         got = "both" if poles is not None else "none"
-        # Both fix all three gains, so only one of them can be met.
+        # Poles and disturbance each fix all three gains, so only one of the two can be met.
         raise ValueError(f"one of poles and disturbance must be given; got {got}. Leave one out.")
     step, output = _model()
     if poles is not None:
-        s = np.asarray(poles, complex)
-        # Complex poles that come in pairs have a real polynomial, to rounding.
-        sound = s.shape == (3,) and (s.real < 0).all()
-        if not sound or abs(np.poly(s).imag).max() > 1e-9 * abs(s).max() ** 3:
-            raise ValueError(
-                f"poles must be three, stable, complex ones in pairs; got {s}. Give rad/s, below"
-                " zero."
-            )
+        s = _poles(poles, rig.period)
         # Ackermann's formula for the dual system. The observer corrects after its prediction, so
         # its output is that of the predicted state.
         gains = control.acker(step.T, (output @ step).T, np.exp(s * rig.period))
@@ -173,7 +178,7 @@ def observer_gains(
         )
     rows = []
     for size, pulse in zip(walk, rig.to_angle(np.ones(rig.n)), strict=True):
-        # Variances in units of the rounding error's, pulse^2 / 12, and of one sample.
+        # Variance of the walk in one sample, relative to that of the rounding error, pulse^2 / 12.
         ratio = (size * rig.period**2) ** 2 / (pulse**2 / 12)
         _, spread, _ = control.dlqe(step, [[0.0], [0.0], [1.0]], output, [[ratio]], [[1.0]])
         # `dlqe` gives the gain of a predictor; that of a filter follows from its covariance.
@@ -181,11 +186,39 @@ def observer_gains(
     return np.array(rows) / rig.period ** np.arange(3)
 
 
-def _model() -> tuple[Floats, Floats]:
-    """Matrices of one step of error, rate and disturbance, and of the measurement, the error.
+def _poles(poles: ArrayLike, period: float) -> NDArray[np.complex128]:
+    """Three stable poles [rad/s] of a real polynomial, or a refusal."""
+    s = np.asarray(poles, complex)
+    sound = s.shape == (3,) and np.isfinite(s).all() and (s.real < 0).all()
+    if not sound or not _paired(s):
+        raise ValueError(
+            f"poles must be three, stable, complex ones in pairs; got {s}. Give rad/s, below zero."
+        )
+    # A faster oscillation looks like a slower one in the samples.
+    fastest = np.abs(s.imag).max()
+    if fastest >= np.pi / period:
+        raise ValueError(
+            f"poles must have imaginary parts below {np.pi / period:.5g} rad/s, pi divided by the"
+            f" rig's period; got {fastest:.5g}. Give slower ones."
+        )
+    return s
 
-    Time is counted in samples, which keeps all three of one size; gains are converted to seconds
-    afterwards.
+
+def _paired(s: NDArray[np.complex128]) -> bool:
+    """Whether each of three poles is real or has its conjugate among them, to rounding."""
+    # The scale of rounding is that of each pole, since one may be much faster than the others.
+    # 1e-9: poles that were computed, such as zeros of a polynomial, are less exact than one number.
+    rounding = 1e-9 * np.abs(s)
+    paired = np.abs(s[:, None] - s.conj()).min(axis=1) <= rounding
+    # Of a pole that stands twice beside one conjugate each has a partner, and the sum shows it.
+    return bool(paired.all() and np.abs(s.imag.sum()) <= rounding.max())
+
+
+def _model() -> tuple[Floats, Floats]:
+    """Transition matrix of error, rate and disturbance for one sample, and measurement matrix.
+
+    The measurement is the error. Time is counted in samples, so that all entries are of similar
+    size; `observer_gains` converts its gains to seconds.
     """
     # The laws' own prediction, so that the gains belong to the observer that uses them.
     x = ca.SX.sym("x", 3)

@@ -1,6 +1,6 @@
 """First motion of an arm: a small torque on each motor in turn shows wires turned or swapped."""
 
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -29,8 +29,8 @@ class FirstMotionSettings:
     still : float
         Time without a count at rest [s].
     share : float
-        Largest torque, relative to the change that leaves a joint at rest: that goes from one
-        direction of friction to the other.
+        Largest torque of a push, relative to the band of static friction, which reaches from full
+        friction in one direction to full friction in the other.
     """
 
     counts: int = 4
@@ -47,10 +47,11 @@ SETTINGS = FirstMotionSettings()
 class FirstMotion:
     """Push each motor a little, and name turned signs, swapped wires and dead encoders.
 
-    One motor after another gets a torque that rises from nothing until some encoder has counted
-    `travel` pulses, then none until the arm rests. The counts that move must be its own, upwards.
-    Before any path, with the arm's brakes released and nobody near: ``while not probe.done:
-    apply(probe.step(read()))``. Afterwards ``probe.fine``, and ``print(probe.status)``.
+    One motor after another gets an added torque that rises from zero until some encoder has counted
+    `travel` pulses or the torque is at its largest. The added torque is then zero until the arm
+    rests. A motor is fine if its own counts moved most, and upwards. Run the test before any path,
+    with the arm's brakes released and nobody near: ``while not probe.done:
+    apply(probe.step(read()))``. Then read ``probe.fine``, and ``print(probe.status)``.
 
     Parameters
     ----------
@@ -58,20 +59,22 @@ class FirstMotion:
     pulses : (n,) array_like
         Encoder counts now, at rest.
     arm : Arm, optional
-        Its weight, and that of springs, at these counts is held all the time; without it the
-        torques begin at zero.
+        Model for the torque that holds the arm's weight, less that of the springs, at `pulses`.
+        The test applies this torque until the test is given up. Without `arm` the torque is zero.
     torque : (n,) array_like, optional
-        Largest torque beside that [N m], joint side; by default 0.8 of `Guards.rest`, the band of
-        static friction: 1.6 times the friction that is stated, or 1.6 % of the amplifier's limit if
-        that is more.
+        Largest torque of a push, added to that of the weight [N m], joint side. By default it is
+        0.8 of `Guards.rest`, the band of static friction: 1.76 times the stated friction, or 8 % of
+        the amplifier's limit if that is more.
     travel : float
-        Pulses that end the push of a motor; any joint that goes ten times as far ends all.
+        Pulses of any encoder that end a push; of a finer encoder than the motor's own as many as
+        its own would need to show the motion. The test is given up at once if an encoder is more
+        than ten times `travel` from `pulses`.
 
     Attributes
     ----------
     done : bool
-        Whether all motors were pushed, or the test was given up; `step` then gives the weight's
-        torque, or zero.
+        Whether all motors were pushed, or the test was given up. `step` then gives the weight's
+        torque in the first case, and zero in the second.
     fine : bool
         Whether each motor moved its own counts upwards.
     status : str
@@ -87,8 +90,9 @@ class FirstMotion:
     -----
     The torque is at most that of the weight plus `torque`, for at most 2 s a motor. A sign that is
     turned at the encoder cannot be told from one that is turned at the amplifier: either looks like
-    counts that fall. An arm whose weight is not that of `arm` by more than friction bears moves by
-    itself, and the test ends in zero torque.
+    counts that fall. If the weight of `arm` is wrong by more than friction bears, the arm moves by
+    itself, and the test ends with zero torque. It also ends so if the arm does not come to rest
+    before or after a push, since its counts would say nothing of the push.
 
     See Also
     --------
@@ -114,8 +118,8 @@ class FirstMotion:
         instance("rig", rig, Rig, "Pass found.rig.")
         n = rig.n
         advice = "Give one torque above 0 per joint [N m]."
-        # The default stays within the band of static friction of `Guards`, so that it can hardly
-        # move a joint that friction holds at rest.
+        # The default exceeds the stated friction, so that it can move a joint, and stays below the
+        # width of the band of static friction of `Guards`.
         largest = (
             SETTINGS.share * Guards().rest_band(rig)
             if torque is None
@@ -132,6 +136,9 @@ class FirstMotion:
             )
         self.rig = rig
         self.n = n
+        # Angle of a pulse [rad]: pulses of two encoders may differ in size. A metre of a slide
+        # counts as a radian, since arms are about a metre long.
+        self._pulse = np.abs(1 / rig.encoder.position_in_pulses(rig.drive.gear))
         self.done = False
         # A line for each motor that was judged, in the order of the pushes.
         self._lines: list[str] = []
@@ -146,6 +153,9 @@ class FirstMotion:
             self._weight = arm.h(q, np.zeros(n)) - rig.spring_torque(q)
         # `_begin` bounds the motion of the whole test, `_latest` are the counts of the last call.
         self._begin = self._latest = counts
+        # What is said of a joint that runs away now: of which motor's push, and why.
+        self._motor = 0
+        self._runaway = ""
         self._labels = rig.joint_labels
         self._units = [TURNS] * n if arm is None else arm.dynamics.chain.joint_units
         self._plan = self._motors()
@@ -167,6 +177,10 @@ class FirstMotion:
             Wrong shape, or no finite number; nothing has changed then.
         """
         self._latest = self._counts(pulses)
+        # From the beginning of the whole test: small moves of many pushes add up.
+        moved = np.abs(self._latest - self._begin)
+        if not self.done and moved.max() > 10 * self.travel:
+            self._give_up(int(moved.argmax()), self._runaway)
         if not self.done:
             try:
                 self._torque = next(self._plan)
@@ -176,7 +190,7 @@ class FirstMotion:
 
     @property
     def fine(self) -> bool:
-        # A finding on any motor: wires of the others may be swapped with it.
+        # One bad motor fails the test, since its wires may be swapped with those of another motor.
         return self.done and all(line.endswith(": fine") for line in self._lines)
 
     @property
@@ -197,36 +211,40 @@ class FirstMotion:
 
     def _motors(self) -> Iterator[Floats]:
         """The torques, one after another; between two of them the counts are new."""
-        yield self._weight
         for motor in range(self.n):
             # 1. The arm must rest, so that the counts that follow belong to the push.
-            push = self._push(motor)
-            yield from self._rest()
-            if self._gave_up(
-                motor, "moved by itself before it was pushed; brake it, and check its weight"
-            ):
+            self._motor = motor
+            self._runaway = "moved by itself before it was pushed; brake it, and check its weight"
+            mover = yield from self._rest()
+            if mover is not None:
+                self._give_up(mover, self._runaway)
                 return
             # 2. Raise the torque until some encoder has counted, not only the motor's own: it may
-            # be dead, or swapped.
+            # be dead, or swapped. A finer one may count before the motor's own can.
+            bound = f"{10 * self.travel:g} counts"
+            self._runaway = f"went farther than {bound}; brake it, and check signs and travel"
+            push = self._push(motor)
             start = self._latest
-            for share in (
-                np.arange(1, round(SETTINGS.ramp / self.rig.period) + 1)
-                * self.rig.period
-                / SETTINGS.ramp
-            ):
+            for share in self._shares():
                 yield self._weight + share * push
-                if np.abs(self._latest - start).max() >= self.travel:
+                moved = np.abs(self._latest - start)
+                shown = (moved * self._pulse).max() >= SETTINGS.counts * self._pulse[motor]
+                if moved.max() >= self.travel and shown:
                     break
             # 3. Judge the counts at rest, since another joint may still swing during the push.
-            yield from self._rest()
-            moved = self._latest - start
-            if self._gave_up(
-                motor, "did not come to rest after its push; brake it, and check the signs"
-            ):
+            mover = yield from self._rest()
+            if mover is not None:
+                self._give_up(
+                    mover, "did not come to rest after its push; brake it, and check the signs"
+                )
                 return
-            self._lines.append(
-                f"motor of {self._labels[motor]}: {self._finding(motor, moved, push)}"
-            )
+            finding = self._finding(motor, self._latest - start, push)
+            self._lines.append(f"motor of {self._labels[motor]}: {finding}")
+
+    def _shares(self) -> Floats:
+        """Shares of the largest torque, sample by sample; the last one is 1 at any period."""
+        steps = max(1, round(SETTINGS.ramp / self.rig.period))
+        return np.arange(1, steps + 1) / steps
 
     def _push(self, motor: int) -> Floats:
         """The largest torque (n,) on the joints that turns one motor so that its counts rise."""
@@ -238,45 +256,51 @@ class FirstMotion:
         ]
         return per_joint / np.abs(per_joint / self._largest).max()
 
-    def _rest(self) -> Iterator[Floats]:
-        """The weight's torque until no count has changed for a while."""
+    def _rest(self) -> Generator[Floats, None, int | None]:
+        """The weight's torque until the counts rest; returns the joint that moves after `settle`.
+
+        It returns None where the arm rests.
+        """
         still = 0.0
         counts = self._latest
-        for _ in range(round(SETTINGS.settle / self.rig.period)):
-            if still >= SETTINGS.still:
-                return
+        mover = None
+        # A flicker at the edge of a cell is no motion, nor is the noise of a fine encoder, to which
+        # the user adapts `travel`. A sixth of the usual `travel` is half of `counts`.
+        flicker = max(SETTINGS.counts / 2, self.travel / 6)
+        for _ in range(max(1, round(SETTINGS.settle / self.rig.period))):
             yield self._weight
-            # A flicker by one count at the edge of a cell is no motion.
-            still = (
-                still + self.rig.period
-                if np.abs(self._latest - counts).max() < SETTINGS.counts / 2
-                else 0.0
-            )
-            counts = counts if still else self._latest
+            moved = np.abs(self._latest - counts)
+            if moved.max() < flicker:
+                still += self.rig.period
+                if still >= SETTINGS.still:
+                    return None
+            else:
+                still = 0.0
+                counts = self._latest
+                mover = int(moved.argmax())
+        return mover
 
-    def _gave_up(self, motor: int, why: str) -> bool:
-        # From the beginning of the whole test: small moves of many pushes add up.
-        far = np.abs(self._latest - self._begin) > 10 * self.travel
-        if far.any():
-            label = self._labels[int(np.argmax(far))]
-            self._lines.append(f"motor of {self._labels[motor]}: {label} {why}")
-            # No torque at all: the weight of a model that does not hold is no help.
-            self._torque = np.zeros(self.n)
-        return bool(far.any())
+    def _give_up(self, joint: int, why: str) -> None:
+        """End the test, since this joint moves as it must not."""
+        self._lines.append(f"motor of {self._labels[self._motor]}: {self._labels[joint]} {why}")
+        # No torque at all: the weight of a model that does not hold is no help.
+        self._torque = np.zeros(self.n)
+        self.done = True
 
     def _finding(self, motor: int, moved: Floats, push: Floats) -> str:
         """Finding from the counts (n,) that moved when one motor was pushed to raise its own."""
-        # The joint that moved most; others follow it by the arm's inertia.
-        mover = int(np.abs(moved).argmax())
-        if abs(moved[mover]) < SETTINGS.counts:
+        counted = np.abs(moved) >= SETTINGS.counts
+        if not counted.any():
             largest = np.abs(push).max()
             unit = self._units[motor].effort
             return (
                 f"no count moved up to {largest:.3g} {unit}: a brake, an encoder or an amplifier"
                 " without power?"
             )
+        # The joint that moved most, by its angle; others follow it by the arm's inertia.
+        mover = int(np.where(counted, np.abs(moved) * self._pulse, 0.0).argmax())
         if mover != motor:
-            dead = "" if abs(moved[motor]) >= SETTINGS.counts else ", or its own encoder is dead"
+            dead = "" if counted[motor] else ", or its own encoder is dead"
             return (
                 f"the counts of {self._labels[mover]} moved by {moved[mover]:+.0f}, its own by"
                 f" {moved[motor]:+.0f}: encoders or amplifiers are swapped{dead}"

@@ -94,6 +94,26 @@ def test_a_loop_paced_by_the_clock_does_not_wait():
     assert controller.events[0].after == pytest.approx(0.0, abs=0.06)
 
 
+def test_a_loop_goes_on_with_the_prior_where_the_process_of_its_estimator_ends():
+    """Paced by the clock; each window says that there is no answer."""
+    motion = PATH(np.arange(1200) * RIG.period)
+    controller = PayloadEstimator(LAW, position=PLACE).start(RIG, RIG.counts(motion.q[0]))
+    process = controller._worker._process
+    process.kill()
+    process.wait()
+    for k in range(1200):
+        if controller.stage == "identifying":
+            time.sleep(0.02)
+        controller.step(RIG.counts(motion.q[k]), motion.q[k], motion.qd[k], motion.qdd[k])
+    (event,) = controller.events
+    assert event.windows > 2
+    for message in (event.message, controller.load.message):
+        assert message.startswith("the process of the estimator must run; it has ended")
+    assert controller.load.mass == controller.estimator.prior.mass
+    assert not controller.load.sufficient
+    assert controller.status == "running"
+
+
 def test_an_arm_at_rest_keeps_the_prior():
     still = Harmonics(
         period=1.0, offset=(-0.5, 0.8), cosine=np.zeros((2, 1)), sine=np.zeros((2, 1))

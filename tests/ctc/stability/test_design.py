@@ -64,6 +64,12 @@ def test_a_triple_pole_gives_the_gains_of_the_closed_form(omega):
     np.testing.assert_allclose(observer_gains(RIG, poles=[-omega] * 3), [law, law], rtol=1e-6)
 
 
+def test_a_motor_gain_of_one_number_is_that_of_each_joint():
+    alike, single = motor_gain(RIG, (3, 1), (400, 400)), motor_gain(RIG, (3, 1), 400)
+    np.testing.assert_array_equal(single, alike)
+    np.testing.assert_allclose(motor_gain(RIG, (3, 1), (400, 800)), alike * (1, 2), rtol=1e-15)
+
+
 def poles_of(gains, dt):
     """Continuous-time poles of the estimation error: predict, then correct by the measured one."""
     x = ca.SX.sym("x", 3)
@@ -72,8 +78,17 @@ def poles_of(gains, dt):
     return np.log(np.linalg.eigvals(step(np.zeros(3)).full()) + 0j) / dt
 
 
-def test_observer_poles_are_where_they_were_asked_for():
-    asked = np.array([-100, -200 + 150j, -200 - 150j])
+@pytest.mark.parametrize(
+    "asked",
+    [
+        [-100, -200 + 150j, -200 - 150j],
+        # Just below the Nyquist frequency, and a pair with the rounding of a computation.
+        [-100, -200 + 4400j, -200 - 4400j],
+        [-100, -200 + 150j, -200.0000001 - 150j],
+        np.roots([1, 500, 9e4, 7e6]),
+    ],
+)
+def test_observer_poles_are_where_they_were_asked_for(asked):
     got = poles_of(observer_gains(RIG, poles=asked)[1], RIG.period)
     np.testing.assert_allclose(np.sort_complex(got), np.sort_complex(asked), rtol=1e-6)
 
@@ -118,6 +133,17 @@ def test_kalman_gains_beat_all_other_gains_on_the_noise_that_they_were_made_for(
         (lambda: observer_gains(RIG, poles=[-1, -2]), "poles must be three"),
         (lambda: observer_gains(RIG, poles=[-1, -2, 3]), "poles must be three, stable"),
         (lambda: observer_gains(RIG, poles=[-1, -2, -3 + 1j]), "in pairs"),
+        # Each has a partner, yet only two of them are a pair.
+        (lambda: observer_gains(RIG, poles=[-1 + 1j, -1 + 1j, -1 - 1j]), "in pairs"),
+        # The rounding of a fast pole is not that of a slow one.
+        (lambda: observer_gains(RIG, poles=[-1, -2 + 1j, -1e5]), "in pairs"),
+        (lambda: observer_gains(RIG, poles=[-1, -2, -np.inf]), "poles must be three"),
+        (
+            lambda: observer_gains(RIG, poles=[-1, -2 + 4488j, -2 - 4488j]),
+            "imaginary parts below 4488 rad/s, pi divided by the rig's period",
+        ),
+        (lambda: motor_gain(RIG, (1, 1), np.nan), "gain must be finite"),
+        (lambda: motor_gain(RIG, (1, 1), [[1], [1]]), "gain must have shape"),
         (lambda: observer_gains(RIG), "one of poles and disturbance must be given; got none"),
         (lambda: observer_gains(RIG, disturbance=-1), "disturbance must be positive"),
     ],

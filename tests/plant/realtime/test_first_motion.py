@@ -126,3 +126,98 @@ def test_counts_that_are_none_are_refused_and_change_nothing():
         with pytest.raises(ValueError, match="pulses"):
             probe.step(wrong)
     assert probe.step((0, 0)).tolist() == [0, 0]
+
+
+def at_rest(probe, counts, seconds=0.2):
+    """Counts that stand still until a push begins; the weight's torque is zero without an arm."""
+    for _ in range(round(seconds / RIG.period)):
+        if probe.step(counts).any():
+            return
+    raise AssertionError("no push has begun")
+
+
+def test_a_joint_that_runs_away_is_let_go_in_the_sample_that_shows_it():
+    weight = FirstMotion(RIG, (0, 0), arm=ARM).step((0, 0))
+    assert weight.any()
+    # 1. Before a push: ten times the usual 12 pulses are still allowed.
+    probe = FirstMotion(RIG, (0, 0), arm=ARM)
+    np.testing.assert_array_equal(probe.step((0, -120)), weight)
+    assert not probe.done
+    assert (probe.step((0, -121)) == 0).all()
+    assert probe.done
+    assert probe.status == (
+        "motor of joint q[0]: joint q[1] moved by itself before it was pushed; brake it, and check"
+        " its weight"
+    )
+    # 2. Under a push, and when it has just ended.
+    for steps in (0, 1):
+        probe = FirstMotion(RIG, (0, 0))
+        at_rest(probe, (0, 0))
+        for _ in range(steps):
+            assert (probe.step((20, 0)) == 0).all()
+        assert (probe.step((20, -121)) == 0).all()
+        assert probe.done
+        assert "joint q[1] went farther than 120 counts" in probe.status
+
+
+def test_a_joint_that_creeps_is_not_pushed():
+    """At 100 counts/s its counts would end the push of another motor, and look like its wires."""
+    probe = FirstMotion(RIG, (0, 0))
+    for k in range(round(1.0 / RIG.period)):
+        assert (probe.step((0, 100 * k * RIG.period // 1)) == 0).all()
+    assert probe.done
+    assert "joint q[1] moved by itself before it was pushed" in probe.status
+
+
+@pytest.mark.parametrize("creeps", [True, False])
+def test_the_rest_after_a_push_is_that_of_the_motion_and_not_of_the_distance(creeps):
+    """Both coast by 100 counts; one of them comes to rest in time."""
+    probe = FirstMotion(RIG, (0, 0))
+    at_rest(probe, (0, 0))
+    rate = 150 if creeps else 600
+    for k in range(round(0.6 / RIG.period)):
+        probe.step((min(rate * k * RIG.period // 1, 100), 0))
+    assert probe.done == creeps
+    says = "joint q[0] did not come to rest after its push" if creeps else "joint q[0]: fine"
+    assert says in probe.status
+
+
+def test_the_noise_of_a_fine_encoder_is_rest_where_travel_is_long():
+    for travel in (12, 120):
+        probe = FirstMotion(RIG, (0, 0), travel=travel)
+        pushed = [probe.step((8 * (k % 2), 0)).any() for k in range(round(0.2 / RIG.period))]
+        assert any(pushed) == (travel == 120)
+
+
+@pytest.mark.parametrize(
+    ("counts", "line"),
+    [
+        # The second joint follows by half of the angle, in five times as many pulses.
+        (lambda own: (own, own * 5), "motor of joint q[0]: fine"),
+        # The second joint turns ten times as far.
+        (lambda own: (own, own * 100), "motor of joint q[0]: the counts of joint q[1] moved by"),
+    ],
+    ids=["follows", "swapped"],
+)
+def test_joints_are_compared_by_angles_and_not_by_pulses_of_different_size(counts, line):
+    # As fine at both joints, behind gears that differ; then ten times as fine at the second.
+    resolution = np.abs(RIG.encoder.resolution / RIG.encoder.position_in_pulses(RIG.drive.gear))
+    fine = dataclasses.replace(RIG.encoder, resolution=3000 * resolution * (1, 10))
+    probe = FirstMotion(dataclasses.replace(RIG, encoder=fine), (0, 0), travel=12)
+    at_rest(probe, (0, 0))
+    own = 0
+    for k in range(400):
+        # A pulse in ten samples while the torque acts; the arm rests without it.
+        own += k % 10 == 0 and not probe._lines and probe._torque.any()
+        probe.step(counts(own))
+    assert probe.status.splitlines()[0].startswith(line)
+
+
+def test_the_torque_ends_at_its_largest_at_any_period():
+    """0.03 s is no divisor of the ramp's 0.8 s."""
+    for period in (0.7e-3, 0.03, 0.1):
+        rig = dataclasses.replace(RIG, period=period)
+        probe = FirstMotion(rig, (0, 0), torque=(20, 10))
+        torques = np.array([probe.step((0, 0)) for _ in range(round(5 / period))])
+        assert probe.done
+        np.testing.assert_array_equal(np.abs(torques).max(axis=0), (20, 10))
