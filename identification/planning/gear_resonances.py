@@ -1,9 +1,10 @@
 """Resonances of the gears, from the measured response of an arm.
 
-Less the inertia and the friction of the motor, the response from torque to angle is that of link
-and gear in series: the links' inverse inertia over (i omega)^2, a term of gravity of higher order,
-and on the diagonal the gear's compliance 1 / (k + i omega c). Its real part is linear in inverse
-inertia and compliance, its imaginary part in the damping: these give the gears' resonances.
+Without the inertia and the friction of the motors, the response from torque to angle is that of
+links and gears in series. It is the sum of the links' inverse inertia over (i omega)^2, a term of
+gravity of higher order, and, on the diagonal, the gear's compliance 1 / (k + i omega c). For light
+damping, the real part of the response is linear in inverse inertia and compliance, and its
+imaginary part is linear in the damping c. The fits of both parts give the gears' resonances.
 """
 
 from typing import NamedTuple
@@ -14,21 +15,22 @@ from numpy.typing import NDArray
 from plant import Drive
 from plant.parts import Floats
 
-# Share of the sampling rate up to which a held torque equals its mean, delayed by half a sample, to
-# 1 %.
+# Upper limit of the band, as a share of the sampling rate. Below it, the hold of the torque is a
+# gain and a delay of half a sample, to about 1 %.
 _HELD = 0.2
 
-# Standard deviations that a compliance must reach to count: rounding, which repeats from period to
-# period, makes rigid gears appear compliant by up to 5.
+# A compliance counts if it exceeds this many of its standard deviations. Rounding repeats from
+# period to period, so that the standard deviations do not contain it: by rounding, the compliance
+# of a rigid gear reaches up to 5 standard deviations.
 _FIRM = 8
 
 
 class Resonances(NamedTuple):
     """Lowest resonance [Hz] (n,) and damping ratio (n,) of each joint, all else locked.
 
-    Its motor and all other joints are held, as for `Elasticity.from_resonance`; ``_std`` are
-    standard deviations. A gear whose compliance does not exceed the noise counts as rigid: inf, and
-    nan for the rest.
+    The joint's motor and all other joints are held, as for `Elasticity.from_resonance`. Fields that
+    end in ``_std`` are standard deviations. A gear whose compliance does not exceed 8 of its
+    standard deviations counts as rigid: its `hz` is inf, and its other fields are nan.
     """
 
     hz: Floats
@@ -40,29 +42,29 @@ class Resonances(NamedTuple):
 def resonances(
     frequency: Floats, plant: NDArray[np.complex128], std: Floats, held: float, drive: Drive
 ) -> Resonances:
-    """Resonances from the plant (n, n, F) and its standard deviation.
+    """Resonances from the response `plant` (n, n, F), torque to angle, and its deviation `std`.
 
     `frequency` (F,) [Hz]. `held`: time for which a torque is held [s].
 
     Raises
     ------
     ValueError
-        A drive with a coupling, whose motors do not belong to one joint each.
+        The drive has a coupling, so that a motor does not belong to one joint.
     """
     if drive.coupling.matrix:
         raise ValueError(
             "drive must have one motor per joint; got a coupling. Fit gears by identify(...) there."
         )
-    # 1. The continuous plant G (F, n, n), in the band where the held torque is a delay: sinc(x) is
-    # the magnitude of the hold, half a sample its delay.
+    # 1. The continuous plant G (F, n, n), in the band where the hold is a gain, sinc(x), and a
+    # delay of half a sample: the measured response is divided by both.
     band = frequency * (held or 1e-9) < _HELD
     omega = 2 * np.pi * frequency[band]
     n = drive.n
     hold = np.exp(0.5j * omega * held) / np.sinc(omega * held / 2 / np.pi)
     G = np.moveaxis(plant[:, :, band] * hold, -1, 0)
 
-    # 2. Remove inertia and friction of the motors: the torque that they take does not reach the
-    # gears. Errors of G act through the derivative of that.
+    # 2. Remove inertia and viscous friction of the motors: the torque that they take does not reach
+    # the gears. The variance of `series` follows from its derivative by G.
     motor = (
         -drive.reflected_inertia() * omega[:, None] ** 2
         + 1j * drive.joint_viscous() * omega[:, None]
@@ -96,8 +98,8 @@ def resonances(
             result.hz[i] = np.inf
             continue
         hz = 1 / np.sqrt(compliance * inertia[i, i]) / 2 / np.pi
-        # Derivatives of log(hz^2) by each inverse inertia; the fit of the gear's own correlates
-        # with that of its compliance.
+        # Derivatives of log(hz^2) by each inverse inertia. The sum leaves out that of the joint
+        # itself, whose fit correlates with the compliance: `slope` treats these two together.
         slopes = np.outer(inertia[i], inertia[:, i]) / inertia[i, i]
         spread = sum(
             slopes[p, q] ** 2 * inertia_variance[p, q]
@@ -122,9 +124,10 @@ class _Coefficients(NamedTuple):
 
 
 def _fitted(columns: Floats, values: Floats, variance: Floats) -> _Coefficients:
-    """Least squares of the real or imaginary part of complex values with this variance (F,).
+    """Weighted least squares of the real or the imaginary part of complex values.
 
-    A residual that exceeds the variance widens the covariance.
+    `variance` (F,) is that of the complex values. If the residuals are larger than it predicts, the
+    covariance grows with them.
     """
     # Each part has half of the variance of a complex number.
     weight = np.sqrt(2 / variance)

@@ -51,7 +51,7 @@ _MEAN = (
 @kept
 @frozen
 class Detection(Shown, Frozen):
-    """Effects that the rig does not model, as a log shows them; printed, a line.
+    """Effects that the rig does not model, as a log shows them; its text is one line.
 
     Attributes
     ----------
@@ -69,32 +69,34 @@ class Detection(Shown, Frozen):
     reason : str or None
         Why nothing could be tested.
     doubt : (k, k) numpy.ndarray or None
-        Covariance of the unknowns by what the model may lack, to be added to that of noise; see
-        `model_error`.
+        Covariance of the unknowns due to effects that the model may lack. It is added to the
+        covariance of noise; see `model_error`.
     grouped : (k,) numpy.ndarray or None
-        Lower limits of their standard deviations, from their scatter between segments, and
-        records; see `least_squares`.
+        Lower limits of the standard deviations of the unknowns, from the scatter between segments
+        and between records; see `least_squares`.
     between : BetweenRuns or None
         Scatter of the unknowns between two records or more.
     mean : Fit or None
         Mean of the fits of each record alone, where the records contradict each other; its
         covariance is that of noise.
     assumed : dict
-        Their change (k,) if a gear, a motor's gain, or a gain of the law is 1 % larger, by its
-        name.
+        Change (k,) of the unknowns if a gear, a motor's gain, or a gain of the law is 1 % larger,
+        by the name of that number.
     friction : dict
-        Standard deviations of friction that was not unknown, if it had been, by the names of a
-        sign's values.
+        Standard deviations that friction would have had as an unknown, where it was not one, by the
+        names of a sign's values.
     """
 
     signs: tuple[Sign, ...] = ()
     named: tuple[Sign, ...] = ()
     stated: dict[str, float] = field(default_factory=dict)
     joints: tuple[str, ...] = ()
-    # Of its words alone, so that files of earlier versions keep their digest.
+    # It only sets the units of sizes. It is not compared, so that files of earlier versions keep
+    # their digest.
     slides: tuple[int, ...] = field(default=(), compare=False)
     reason: str | None = None
-    # Absent where the fit has no covariance, or nothing could be tested, as all below.
+    # This and all fields below are absent or empty if the fit has no covariance, or if nothing
+    # could be tested.
     doubt: Floats | None = None
     grouped: Floats | None = None
     between: BetweenRuns | None = None
@@ -103,8 +105,9 @@ class Detection(Shown, Frozen):
     friction: dict[str, float] = field(default_factory=dict)
 
     def widened(self, fit: Fit) -> Fit:
-        """A fit, or the mean, whose covariance includes effects that the rig may lack."""
-        # The mean replaces the common fit, which is that of no machine.
+        """The fit, or the mean if there is one, with `doubt` and `grouped` in its covariance."""
+        # A mean exists if the records contradict each other: then the common fit describes no
+        # machine.
         fit = fit if self.mean is None else self.mean
         # Without a covariance, or with unknown gears, `detect` gives no scatter.
         if (
@@ -165,7 +168,7 @@ class Detection(Shown, Frozen):
         if self.reason is not None:
             return f"compliance, backlash, lag, friction: not tested: {self.reason}"
         # In the order of a reader: causes, clean tests, doubts, records, effects without a test.
-        # Tests at the optimum without causes; what was selected stands in `named`.
+        # `signs` has the tests before any cause was selected; `named` has the selected causes.
         by_name = {sign.name: sign for sign in self.signs}
         fittable = {name for name in by_name if BY_NAME[name].refit}
         rest = [by_name[name] for name in by_name if name in fittable - {*self.names}]
@@ -203,7 +206,7 @@ class Detection(Shown, Frozen):
 
     @property
     def causes(self) -> tuple[Cause, ...]:
-        """The causes that contradict the model, the likeliest first; of backlash, gear by gear."""
+        """The causes that contradict the model, in the order of selection; backlash by gear."""
         return tuple(cause for sign in self.named for cause in self._causes(sign))
 
     def _causes(self, sign: Sign) -> Iterator[Cause]:
@@ -228,7 +231,8 @@ class Detection(Shown, Frozen):
         sentence = hypothesis.sentence
         remedy = hypothesis.remedy
         if sign.absorbing:
-            # A correction that the log cannot tell from an unknown would move that instead.
+            # If the log cannot tell the correction from an unknown, the correction would move that
+            # unknown instead.
             remedy = (
                 f"This log hardly distinguishes that from another {', '.join(sign.absorbing)}:"
                 f" {hypothesis.telling}"
@@ -283,8 +287,8 @@ class Detection(Shown, Frozen):
     def _visible(self, sign: Sign) -> str:
         """An alternative, and the smallest size of it that the log would show."""
         hypothesis = BY_NAME[sign.name]
-        # In the unit of the text; of friction as a share of what the rig states.
-        # A share needs a stated number to be a share of.
+        # Sizes are in the unit of the text. Friction is a share of what the rig states, so a number
+        # that the rig states as zero is left out.
         stated = self.stated if hypothesis.shares else dict.fromkeys(sign.visible, 1.0)
         scales = {name: self._scale(hypothesis, name) for name in sign.visible if stated.get(name)}
         sizes = {
