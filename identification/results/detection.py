@@ -4,7 +4,7 @@ Every identification tests whether one of these effects explains the innovations
 those held out as well, at the optimum of the model. `stepwise` selects them one after another.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -95,8 +95,8 @@ class Detection(Shown, Frozen):
     # their digest.
     slides: tuple[int, ...] = field(default=(), compare=False)
     reason: str | None = None
-    # This and all fields below are absent or empty if the fit has no covariance, or if nothing
-    # could be tested.
+    # This and all fields below are absent or empty if nothing could be tested. `grouped` and
+    # `between` are absent also if the fit has no covariance, or if its gears are unknown.
     doubt: Floats | None = None
     grouped: Floats | None = None
     between: BetweenRuns | None = None
@@ -158,6 +158,10 @@ class Detection(Shown, Frozen):
             return "not tested"
         if self.named:
             return f"significant: {', '.join(self.names)}"
+        # Tests whose causes explain next to nothing, or what the tolerances allow.
+        unclear = [sign.name for sign in self.signs if sign.significant]
+        if unclear:
+            return f"{len(self.signs)} tests, significant without a cause: {', '.join(unclear)}"
         return f"{len(self.signs)} tests, none significant"
 
     def _shown(self) -> Iterator[Piece]:
@@ -230,17 +234,19 @@ class Detection(Shown, Frozen):
         # The row has the words of the cause; what follows from this log is added here.
         sentence = hypothesis.sentence
         remedy = hypothesis.remedy
+        telling = hypothesis.telling or "log another motion"
         if sign.absorbing:
             # If the log cannot tell the correction from an unknown, the correction would move that
             # unknown instead.
             remedy = (
                 f"This log hardly distinguishes that from another {', '.join(sign.absorbing)}:"
-                f" {hypothesis.telling}"
+                f" {telling}"
             )
         elif hypothesis.biased:
             sentence += ", which biases f"
-        if sign.rivals:
-            remedy += f". To tell causes apart, {hypothesis.telling or 'log another motion'}"
+        # The same measurement tells unknowns and causes apart: it is advised once.
+        if sign.rivals and not sign.absorbing:
+            remedy += f". To tell causes apart, {telling}"
         others = {name: Rival(name, (), 0.0, odds) for name, odds in sign.others}
         joints = tuple(joint_of(name) for name in hypothesis.shown(sign) if "[" in name)
         # Backlash is repaired gear by gear; all other causes are one statement.
@@ -260,16 +266,10 @@ class Detection(Shown, Frozen):
     def _sizes(self, sign: Sign) -> Iterator[dict[str, Any]]:
         """Fields of the text of each size of a cause."""
         hypothesis = BY_NAME[sign.name]
-        numbers = {number.name: number for number in hypothesis.numbers}
         for name, value in hypothesis.shown(sign).items():
             kind = name.partition("[")[0]
             stated = self.stated.get(name, 0.0)
-            unit, convert = self._scale(hypothesis, name)
-            per = numbers[kind].unit if kind in numbers else ""
-            size = convert(value)
-            if hypothesis.shares:
-                # Of what the rig states as zero there is no share.
-                size, unit = (convert(value / stated), unit) if stated else (value, per)
+            size, unit = self._size(hypothesis, name, value)
             yield {
                 "size": size,
                 "distance": abs(value),
@@ -281,64 +281,78 @@ class Detection(Shown, Frozen):
                 "cycles": "".join(filter(str.isdigit, kind)),
                 "stated": stated,
                 "total": stated + value,  # fitted values are deviations from the stated ones
-                "per": per,
+                "per": _unit(hypothesis, name),
             }
 
     def _visible(self, sign: Sign) -> str:
         """An alternative, and the smallest size of it that the log would show."""
         hypothesis = BY_NAME[sign.name]
-        # Sizes are in the unit of the text. Friction is a share of what the rig states, so a number
-        # that the rig states as zero is left out.
-        stated = self.stated if hypothesis.shares else dict.fromkeys(sign.visible, 1.0)
-        scales = {name: self._scale(hypothesis, name) for name in sign.visible if stated.get(name)}
-        sizes = {
-            name: convert(sign.visible[name] / stated[name])
-            for name, (_, convert) in scales.items()
-        }
-        if hypothesis.falling:
-            span = _span([*sizes.values()])
-            return f"{hypothesis.title} (detectable below {span} {hypothesis.unit})"
-        # A joint that would show an effect only when it is huge is listed apart.
-        largest = SETTINGS.blind_factor * min(sizes.values(), default=0.0)
-        if hypothesis.unit == "%":
-            largest = SETTINGS.blind_percent
-        shown = {name: size for name, size in sizes.items() if size <= largest}
-        if not shown:
+        # Sizes of each unit have a span: of joints that turn, of slides, and of friction that the
+        # rig states, or states as zero.
+        of_unit: dict[str, dict[str, float]] = {}
+        for name, value in sign.visible.items():
+            size, unit = self._size(hypothesis, name, value)
+            of_unit.setdefault(unit, {})[name] = size
+        if not of_unit:
             return f"{hypothesis.title} (none is detectable)"
-        # Sizes of joints that turn and of slides have a span each.
-        of_unit: dict[str, list[float]] = {}
-        for name, size in shown.items():
-            unit = scales[name][0]
-            unit += " of the motor" * (unit == "N m")
-            of_unit.setdefault(unit, []).append(size)
-        spans = [
-            f"{_span(values)} {unit}"
-            if max(values) > SETTINGS.smallest
-            else f"less than {SETTINGS.smallest:g} {unit}"
-            for unit, values in of_unit.items()
-        ]
+        if hypothesis.falling:
+            spans = [f"{_span([*sizes.values()])} {unit}" for unit, sizes in of_unit.items()]
+            return f"{hypothesis.title} (detectable below {' and '.join(spans)})"
+        # A joint that would show an effect only when it is huge is listed apart.
+        spans = []
+        shown: set[str] = set()
+        for unit, sizes in of_unit.items():
+            largest = SETTINGS.blind_factor * min(sizes.values())
+            if unit == "%":
+                largest = SETTINGS.blind_percent
+            visible = {name: size for name, size in sizes.items() if size <= largest}
+            # Torques, and friction per speed, are those of the motor.
+            of_motor = " of the motor" if unit.startswith("N m") else ""
+            if visible:
+                spans.append(f"{_span([*visible.values()])} {unit}{of_motor}")
+            shown |= {*visible}
+        if not spans:
+            return f"{hypothesis.title} (none is detectable)"
         # The order of the joints, each once.
-        blind = dict.fromkeys(self._joint(name) for name in sizes if name not in shown)
+        blind = dict.fromkeys(self._joint(name) for name in sign.visible if name not in shown)
         exception = f", not at {', '.join(blind)}" if blind else ""
         return f"{hypothesis.title} (detectable from {' and '.join(spans)}{exception})"
 
-    def _scale(self, hypothesis: ArmHypothesis, name: str) -> tuple[str, Callable[[float], float]]:
-        """Unit in which the size of a number is printed, and the way to it from the model's."""
+    def _size(self, hypothesis: ArmHypothesis, name: str, value: float) -> tuple[float, str]:
+        """Size of a number in the unit in which it is printed, and that unit."""
         slides = "[" in name and joint_of(name) in self.slides
         if hypothesis.of_slides is not None and slides:
-            return hypothesis.of_slides
-        return hypothesis.unit, hypothesis.convert
+            unit, convert = hypothesis.of_slides
+            return convert(value), unit
+        if not hypothesis.shares:
+            return hypothesis.convert(value), hypothesis.unit
+        stated = self.stated.get(name, 0.0)
+        # Of what the rig states as zero there is no share.
+        if not stated:
+            return value, _unit(hypothesis, name)
+        return hypothesis.convert(value / stated), hypothesis.unit
 
     def _joint(self, name: str) -> str:
         """Joint of a number such as ``gear[1]``."""
         return self.joints[joint_of(name)]
 
 
+def _unit(hypothesis: ArmHypothesis, name: str) -> str:
+    """Unit of a number in the model, such as ``coulomb[0]``; empty where it has none."""
+    kind = name.partition("[")[0]
+    return next((number.unit for number in hypothesis.numbers if number.name == kind), "")
+
+
 def _span(values: list[float]) -> str:
     """Smallest and largest value, as a text."""
-    # Two digits, but no exponent for hundreds.
-    low, high = (
-        f"{value:.2g}" if value < 100 else f"{value:.0f}" for value in (min(values), max(values))
-    )
+    low, high = _digits(min(values)), _digits(max(values))
     # Values that print alike are one.
     return low if low == high else f"{low} to {high}"
+
+
+def _digits(value: float) -> str:
+    """A size, as a text."""
+    if not value > SETTINGS.smallest:
+        return f"less than {SETTINGS.smallest:g}"
+    # Two digits, but no exponent for hundreds: from ten on, these are the digits of a whole number.
+    return f"{value:.2g}" if value < 10 else f"{value:.0f}"
