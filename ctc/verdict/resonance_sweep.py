@@ -22,7 +22,18 @@ from identification import Identification
 from plant import Arm, Law, Reference, Rig
 from plant.compiler.background import cores
 from plant.machine.elasticity import DAMPING_RATIO
-from plant.parts import Floats, Frozen, Piece, Shown, Table, Verdict, array, frozen, known_options
+from plant.parts import (
+    Floats,
+    Frozen,
+    Piece,
+    Shown,
+    Table,
+    Verdict,
+    array,
+    frozen,
+    known_options,
+    whole,
+)
 
 
 @frozen
@@ -144,7 +155,9 @@ def sweep_resonance(
             f"hz must be positive and rising; got {resonances!r:.60}. Give resonances [Hz]."
         )
     # The integrator must follow the fastest gear, or its own error would look like the loop's.
-    require_followed("hz", resonances, rig.period / steps_per_sample)
+    require_followed("hz", resonances, rig.period, steps_per_sample)
+    # The number of threads changes no bit, so all cores may be used.
+    threads = cores() if threads is None else whole("threads", threads, "Leave it out.")
     options: dict[str, Any] = {
         "within": within,
         "steps_per_sample": steps_per_sample,
@@ -155,7 +168,7 @@ def sweep_resonance(
     shares = {}
     for name, law in laws.items():
         # One kernel for each law, all its resonances side by side.
-        loop = on_gears(controlled, rig, law, reference, ratio, threads or cores(), **options)
+        loop = on_gears(controlled, rig, law, reference, ratio, threads, **options)
         runs = loop([*resonances, RIGID])
         # A loop that diverged has all of its samples outside.
         shares[name] = 1 - runs.outside / runs.samples
