@@ -10,7 +10,18 @@ from numpy.typing import NDArray
 
 from ctc.certification.uncertainty import Uncertainty
 from plant import Arm, Law, Reference, Rig
-from plant.parts import Floats, Frozen, Piece, Shown, Table, Verdict, frozen, kept
+from plant.parts import (
+    Bools,
+    Floats,
+    Frozen,
+    Integers,
+    Piece,
+    Shown,
+    Table,
+    Verdict,
+    frozen,
+    kept,
+)
 from plant.simulation.population import Population
 
 # Default number of plants of an analysis that runs a population many times (reserves, holds,
@@ -62,6 +73,8 @@ class Plants(Frozen):
     and values of the numbers of the loop that follow from the sampled numbers. `said`: names of the
     effects that are sampled, and of those that are not. `expected` (P, K): the part of the values
     that follows from the sampled resonance: f as fitted at that resonance; zero elsewhere.
+    `redraws` (P,), `moved` (P,): rejected draws of each plant, and whether it was moved; None in
+    files of earlier versions.
     """
 
     arm: Arm
@@ -79,6 +92,9 @@ class Plants(Frozen):
     said: tuple[tuple[str, ...], tuple[str, ...]]
     expected: Floats
     projected: int = 0
+    # Not compared, so that files of earlier versions keep their digest.
+    redraws: Integers | None = dataclasses.field(default=None, compare=False)
+    moved: Bools | None = dataclasses.field(default=None, compare=False)
 
     def __repr__(self) -> str:
         return f"Plants({len(self)} that differ in {len(self.names)} numbers, seed {self.seed})"
@@ -102,13 +118,21 @@ class Plants(Frozen):
         """
         # The default is what the analysis needs, not the number of plants of the certificate.
         count = min(_REPEATED, len(self)) if count is None else count
-        if isinstance(count, bool) or not isinstance(count, int) or not 1 <= count <= len(self):
+        if not _is_whole(count, 1, len(self)):
             raise ValueError(
-                f"samples must be a whole number from 1 to {len(self)}; got {count!r}. Sample more."
+                f"samples must be a whole number from 1 to {len(self)}; got {count!r}. Leave it"
+                " out, or certify more samples."
             )
         # The first rows of a certificate's samples: the analysis is of the same arms.
         arrays = "f", "values", "derived", "expected"
-        return dataclasses.replace(self, **{name: getattr(self, name)[:count] for name in arrays})
+        fields: dict[str, Any] = {name: getattr(self, name)[:count] for name in arrays}
+        # Files of earlier versions have the counts of all plants alone.
+        if self.redraws is not None and self.moved is not None:
+            redraws = self.redraws[:count]
+            moved = self.moved[:count]
+            fields |= {"redraws": redraws, "redrawn": int(redraws.sum())}
+            fields |= {"moved": moved, "projected": int(moved.sum())}
+        return dataclasses.replace(self, **fields)
 
     def numbers(self) -> tuple[tuple[str, ...], Floats]:
         """Names and values (P, L) of all parameters f, and of the other numbers that differ."""
@@ -141,6 +165,12 @@ class Plants(Frozen):
 
     def plant(self, i: int, width: int, steps: int) -> tuple[Arm, Rig]:
         """Arm and rig of plant i, with its lost samples; `width` and `steps` as for `lost`."""
+        # A negative index would have the losses of another plant.
+        if not _is_whole(i, 0, len(self) - 1):
+            raise ValueError(
+                f"index must be a whole number from 0 to {len(self) - 1}; got {i!r}. Give that of a"
+                " plant."
+            )
         numbers = [*self.values[i].tolist(), *self.derived[i].tolist()]
         rig = self.rig.filled(dict(zip((*self.names, *self.derived_names), numbers, strict=True)))
         if self.dropped and rig.transport is not None:
@@ -149,6 +179,12 @@ class Plants(Frozen):
             lost = tuple(np.flatnonzero(self.lost(block, width, steps)[:, lane]).tolist())
             rig = dataclasses.replace(rig, transport=dataclasses.replace(rig.transport, lost=lost))
         return self.arm.dynamics.arm(self.f[i]), rig
+
+
+def _is_whole(value: Any, least: int, most: int) -> bool:
+    # True is an int in Python, but never meant as a number of plants.
+    whole = isinstance(value, (int, np.integer)) and not isinstance(value, bool)
+    return whole and bool(least <= value <= most)
 
 
 def _lost(seed: int, dropped: float, block: int, width: int, steps: int) -> NDArray[np.bool_]:
