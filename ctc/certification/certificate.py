@@ -219,10 +219,6 @@ class Certificate(Certified):
 
     def plant(self, index: int) -> Worst:
         """One of the samples, ready for `evaluate`."""
-        if not isinstance(index, (int, np.integer)) or not 0 <= index < len(self.plants):
-            raise ValueError(
-                f"index must be a whole number from 0 to {len(self.plants) - 1}; got {index!r}."
-            )
         # Lost counts are drawn by blocks of the kernel's width: the same are lost again.
         arm, rig = self.plants.plant(index, LANES, self.settings["law_steps"])
         values = dict(zip(self.plants.names, self.plants.values[index].tolist(), strict=True))

@@ -97,7 +97,7 @@ class Task:
             "uncertainty", self.uncertainty, Uncertainty, "Give Uncertainty(friction=0.1, ...)."
         )
         if self.uncertainty.resonance is not None:
-            require_followed("resonance", self.uncertainty.resonance, rig.period / steps_per_sample)
+            require_followed("resonance", self.uncertainty.resonance, rig.period, steps_per_sample)
         # A probability is no better than the covariance that it comes from.
         if isinstance(found, Identification):
             warn_of_doubts(found, work)

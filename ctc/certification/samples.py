@@ -15,7 +15,7 @@ from identification import Identification
 from plant import Arm, Body, Elasticity, Phase, Rig, Transport
 from plant.machine.elasticity import gears
 from plant.machine.motor_inertia import least_inertia_margin, shaft_inertias
-from plant.parts import Checkpoint, array, frozen_settings, instance
+from plant.parts import Bools, Checkpoint, Integers, array, frozen_settings, instance
 from plant.parts.sums import product
 
 
@@ -104,8 +104,10 @@ def draw(
         names=tuple(names[i] for i in varying),
         values=values[:, varying],
         dropped=float(uncertainty.dropped),
-        redrawn=arms.redrawn,
-        projected=arms.projected,
+        redrawn=int(arms.redraws.sum()),
+        projected=int(arms.moved.sum()),
+        redraws=arms.redraws,
+        moved=arms.moved,
         seed=seed,
         own=nominal,
         uncertainty=uncertainty,
@@ -135,15 +137,15 @@ def _require_possible(uncertainty: Uncertainty, rig: Rig) -> None:
 class _Arms(NamedTuple):
     """Sampled arms, with their numbers and inertial parameters.
 
-    `names` (K) and `values` (P, K) are the numbers, and `f` (P, p) includes the load. The counts
-    are those of rejected draws and of projected samples.
+    `names` (K) and `values` (P, K) are the numbers, and `f` (P, p) includes the load. `redraws`
+    (P,) counts the rejected draws of each arm; `moved` (P,) tells whether it was projected.
     """
 
     names: tuple[str, ...]
     values: Any
     f: Any
-    redrawn: int
-    projected: int
+    redraws: Integers
+    moved: Bools
 
 
 def _arms(uncertainty, distribution, rig, random, places):
@@ -181,6 +183,8 @@ def _arms(uncertainty, distribution, rig, random, places):
             sound &= not _NOT_NEGATIVE.match(name) or values[name] >= 0
         return f, sound
 
+    redraws = np.zeros(samples, np.intp)
+    moved = np.zeros(samples, bool)
     # 1. A first draw of all samples.
     values = drawn(np.arange(samples))
     f, sound = arms(values)
@@ -189,34 +193,33 @@ def _arms(uncertainty, distribution, rig, random, places):
     if not isinstance(random, np.random.Generator):
         random.sound = sound
         rows = np.where(sound, np.arange(len(f)), sound.argmax())
-        return _Arms(tuple(values), np.column_stack([*values.values()])[rows], f[rows], 0, 0)
+        columns = np.column_stack([*values.values()])
+        return _Arms(tuple(values), columns[rows], f[rows], redraws, moved)
     # 2. Others in place of those that are no arms, until all are.
     # Friction that was not identified is nominal at the end of that way.
     middle = dict(zip(distribution.names, distribution.values, strict=True)) | friction
-    redrawn = 0
-    projected = 0
     while not sound.all():
         rejected = np.flatnonzero(~sound)
-        redrawn += len(rejected)
+        redraws[rejected] += 1
         replacements = drawn(rejected)
         # Where hardly any draw is an arm, rejection would not end.
-        if redrawn > SETTINGS.draws * samples:
+        if redraws.sum() > SETTINGS.draws * samples:
             replacements = _projected(replacements, middle, arms)
-            projected = len(rejected)
+            moved[rejected] = True
         for name, column in replacements.items():
             values[name][rejected] = column
         f[rejected], sound[rejected] = arms(replacements)
         # Not even the identified arm is one: nothing is left to move towards.
-        if projected and not sound.all():
+        if moved.any() and not sound.all():
             reason = (
-                f"{redrawn} were not (D(q) indefinite, or negative friction), nor is the one"
+                f"{redraws.sum()} were not (D(q) indefinite, or negative friction), nor is the one"
                 " identified"
             )
             raise ValueError(
                 f"samples must be arms; {reason}. Give a smaller covariance, or a better"
                 " experiment."
             )
-    return _Arms(tuple(values), np.column_stack([*values.values()]), f, redrawn, projected)
+    return _Arms(tuple(values), np.column_stack([*values.values()]), f, redraws, moved)
 
 
 def _projected(values, middle, arms):

@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 from identification.equation_error.estimate import Estimate
 from plant import Arm, Drive, Elasticity, Law, Reference, Rig
 from plant.machine.elasticity import DAMPING_RATIO
-from plant.parts import Frozen, Piece, Shown, Verdict, frozen, instance, real
+from plant.parts import Frozen, Piece, Shown, Verdict, frozen, instance, real, whole
 from plant.simulation.logged_run import DivergenceError
 from plant.simulation.loop_kernel import LANES
 from plant.simulation.population import Population, Runs
@@ -37,8 +37,9 @@ RIGID = 1e5
 _FOLLOWED_PHASE = 0.6
 
 
-def require_followed(name: str, hz: ArrayLike, step: float) -> None:
-    """Refuse resonances [Hz] that sub-steps of this length [s] cannot follow."""
+def require_followed(name: str, hz: ArrayLike, period: float, steps_per_sample: int) -> None:
+    """Refuse resonances [Hz] that so many sub-steps of a sample period [s] cannot follow."""
+    step = period / whole("steps_per_sample", steps_per_sample, "Leave it out.")
     highest = float(np.max(hz))
     # The phase 2 pi f h of one sub-step h.
     limit = _FOLLOWED_PHASE / (2 * np.pi * step)

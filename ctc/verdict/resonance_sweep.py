@@ -22,7 +22,18 @@ from identification import Identification
 from plant import Arm, Law, Reference, Rig
 from plant.compiler.background import cores
 from plant.machine.elasticity import DAMPING_RATIO
-from plant.parts import Floats, Frozen, Piece, Shown, Table, Verdict, array, frozen, known_options
+from plant.parts import (
+    Floats,
+    Frozen,
+    Piece,
+    Shown,
+    Table,
+    Verdict,
+    array,
+    frozen,
+    known_options,
+    whole,
+)
 
 
 @frozen
@@ -50,7 +61,7 @@ class ResonanceSweep(Shown, Frozen):
     rigid: dict[str, float]
 
     def plot(self, ax: Any = None) -> NDArray[Any]:
-        """Draw the shares over the resonance, and where every sample is within, on (2,) Axes."""
+        """Draw on (2,) Axes the shares over the resonance, and where all samples are within."""
         return plot_sweep(self, ax)
 
     def _short(self) -> str:
@@ -62,7 +73,7 @@ class ResonanceSweep(Shown, Frozen):
     def _shown(self) -> Iterator[Piece]:
         gears = f"gears with a damping ratio of {self.damping_ratio:g}"
         yield Verdict(f"samples within ±{self.within:g} pulse, {gears}")
-        # A line has room for seven resonances; of fewer, `unique` drops the repeated ones.
+        # A line has room for seven resonances; `unique` drops repeated columns if there are fewer.
         columns = np.unique(np.linspace(0, len(self.hz) - 1, 7).round().astype(int))
         rows = [
             (name, *map(_percent, share[columns]), _percent(self.rigid[name]))
@@ -95,19 +106,19 @@ def sweep_resonance(
     rig : Rig
         With rigid gears; lag, delay and friction stay as they are.
     laws : dict of str -> Law
-        By name.
+        The controllers, by their names.
     reference : Reference
-        A gear's resonance is that at its first pose.
+        The resonances `hz` are those at its first pose.
     hz : (H,) array_like, optional
         Locked-rotor resonances, all joints alike, rising [Hz]; by default 79 from 10 to 500.
     damping_ratio : float
-        Of each gear against its locked motor.
+        Damping ratio of each gear while its motor is locked.
     within : float
         Limit of the encoder error of the motors [pulses].
     after : float
         Samples before this time do not count [s].
     duration, steps_per_sample, threads
-        As of `ctc.certify`.
+        As in `ctc.certify`.
 
     Returns
     -------
@@ -138,13 +149,15 @@ def sweep_resonance(
     resonances = np.geomspace(LOWEST, HIGHEST, 79)
     if hz is not None:
         resonances = array("hz", hz, ("H",), advice="Give [Hz].")
-    # Neighbours of the same resonance would have no interval between them.
+    # Equal neighbours would leave no interval between them, so the resonances must rise.
     if not len(resonances) or resonances[0] <= 0 or (np.diff(resonances) <= 0).any():
         raise ValueError(
             f"hz must be positive and rising; got {resonances!r:.60}. Give resonances [Hz]."
         )
-    # The integrator must follow the fastest gear, else its error would look like the loop's.
-    require_followed("hz", resonances, rig.period / steps_per_sample)
+    # The integrator must follow the fastest gear, or its own error would look like the loop's.
+    require_followed("hz", resonances, rig.period, steps_per_sample)
+    # The number of threads changes no bit, so all cores may be used.
+    threads = cores() if threads is None else whole("threads", threads, "Leave it out.")
     options: dict[str, Any] = {
         "within": within,
         "steps_per_sample": steps_per_sample,
@@ -155,7 +168,7 @@ def sweep_resonance(
     shares = {}
     for name, law in laws.items():
         # One kernel for each law, all its resonances side by side.
-        loop = on_gears(controlled, rig, law, reference, ratio, threads or cores(), **options)
+        loop = on_gears(controlled, rig, law, reference, ratio, threads, **options)
         runs = loop([*resonances, RIGID])
         # A loop that diverged has all of its samples outside.
         shares[name] = 1 - runs.outside / runs.samples
@@ -171,5 +184,5 @@ def sweep_resonance(
 
 def _percent(share: float) -> str:
     """A share as text, rounded down, so that 100 % means all."""
-    # 1e-9 keeps a share of 1 less a rounding error.
+    # The 1e-9 keeps a rounding error from lowering the last digit.
     return f"{np.floor(share * 1e3 + 1e-9) / 10:.4g} %"

@@ -4,7 +4,7 @@ Every identification tests whether one of these effects explains the innovations
 those held out as well, at the optimum of the model. `stepwise` selects them one after another.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -51,7 +51,7 @@ _MEAN = (
 @kept
 @frozen
 class Detection(Shown, Frozen):
-    """Effects that the rig does not model, as a log shows them; printed, a line.
+    """Effects that the rig does not model, as a log shows them; its text is one line.
 
     Attributes
     ----------
@@ -69,32 +69,34 @@ class Detection(Shown, Frozen):
     reason : str or None
         Why nothing could be tested.
     doubt : (k, k) numpy.ndarray or None
-        Covariance of the unknowns by what the model may lack, to be added to that of noise; see
-        `model_error`.
+        Covariance of the unknowns due to effects that the model may lack. It is added to the
+        covariance of noise; see `model_error`.
     grouped : (k,) numpy.ndarray or None
-        Lower limits of their standard deviations, from their scatter between segments, and
-        records; see `least_squares`.
+        Lower limits of the standard deviations of the unknowns, from the scatter between segments
+        and between records; see `least_squares`.
     between : BetweenRuns or None
         Scatter of the unknowns between two records or more.
     mean : Fit or None
         Mean of the fits of each record alone, where the records contradict each other; its
         covariance is that of noise.
     assumed : dict
-        Their change (k,) if a gear, a motor's gain, or a gain of the law is 1 % larger, by its
-        name.
+        Change (k,) of the unknowns if a gear, a motor's gain, or a gain of the law is 1 % larger,
+        by the name of that number.
     friction : dict
-        Standard deviations of friction that was not unknown, if it had been, by the names of a
-        sign's values.
+        Standard deviations that friction would have had as an unknown, where it was not one, by the
+        names of a sign's values.
     """
 
     signs: tuple[Sign, ...] = ()
     named: tuple[Sign, ...] = ()
     stated: dict[str, float] = field(default_factory=dict)
     joints: tuple[str, ...] = ()
-    # Of its words alone, so that files of earlier versions keep their digest.
+    # It only sets the units of sizes. It is not compared, so that files of earlier versions keep
+    # their digest.
     slides: tuple[int, ...] = field(default=(), compare=False)
     reason: str | None = None
-    # Absent where the fit has no covariance, or nothing could be tested, as all below.
+    # This and all fields below are absent or empty if nothing could be tested. `grouped` and
+    # `between` are absent also if the fit has no covariance, or if its gears are unknown.
     doubt: Floats | None = None
     grouped: Floats | None = None
     between: BetweenRuns | None = None
@@ -103,8 +105,9 @@ class Detection(Shown, Frozen):
     friction: dict[str, float] = field(default_factory=dict)
 
     def widened(self, fit: Fit) -> Fit:
-        """A fit, or the mean, whose covariance includes effects that the rig may lack."""
-        # The mean replaces the common fit, which is that of no machine.
+        """The fit, or the mean if there is one, with `doubt` and `grouped` in its covariance."""
+        # A mean exists if the records contradict each other: then the common fit describes no
+        # machine.
         fit = fit if self.mean is None else self.mean
         # Without a covariance, or with unknown gears, `detect` gives no scatter.
         if (
@@ -155,6 +158,10 @@ class Detection(Shown, Frozen):
             return "not tested"
         if self.named:
             return f"significant: {', '.join(self.names)}"
+        # Tests whose causes explain next to nothing, or what the tolerances allow.
+        unclear = [sign.name for sign in self.signs if sign.significant]
+        if unclear:
+            return f"{len(self.signs)} tests, significant without a cause: {', '.join(unclear)}"
         return f"{len(self.signs)} tests, none significant"
 
     def _shown(self) -> Iterator[Piece]:
@@ -165,7 +172,7 @@ class Detection(Shown, Frozen):
         if self.reason is not None:
             return f"compliance, backlash, lag, friction: not tested: {self.reason}"
         # In the order of a reader: causes, clean tests, doubts, records, effects without a test.
-        # Tests at the optimum without causes; what was selected stands in `named`.
+        # `signs` has the tests before any cause was selected; `named` has the selected causes.
         by_name = {sign.name: sign for sign in self.signs}
         fittable = {name for name in by_name if BY_NAME[name].refit}
         rest = [by_name[name] for name in by_name if name in fittable - {*self.names}]
@@ -203,7 +210,7 @@ class Detection(Shown, Frozen):
 
     @property
     def causes(self) -> tuple[Cause, ...]:
-        """The causes that contradict the model, the likeliest first; of backlash, gear by gear."""
+        """The causes that contradict the model, in the order of selection; backlash by gear."""
         return tuple(cause for sign in self.named for cause in self._causes(sign))
 
     def _causes(self, sign: Sign) -> Iterator[Cause]:
@@ -227,16 +234,19 @@ class Detection(Shown, Frozen):
         # The row has the words of the cause; what follows from this log is added here.
         sentence = hypothesis.sentence
         remedy = hypothesis.remedy
+        telling = hypothesis.telling or "log another motion"
         if sign.absorbing:
-            # A correction that the log cannot tell from an unknown would move that instead.
+            # If the log cannot tell the correction from an unknown, the correction would move that
+            # unknown instead.
             remedy = (
                 f"This log hardly distinguishes that from another {', '.join(sign.absorbing)}:"
-                f" {hypothesis.telling}"
+                f" {telling}"
             )
         elif hypothesis.biased:
             sentence += ", which biases f"
-        if sign.rivals:
-            remedy += f". To tell causes apart, {hypothesis.telling or 'log another motion'}"
+        # The same measurement tells unknowns and causes apart: it is advised once.
+        if sign.rivals and not sign.absorbing:
+            remedy += f". To tell causes apart, {telling}"
         others = {name: Rival(name, (), 0.0, odds) for name, odds in sign.others}
         joints = tuple(joint_of(name) for name in hypothesis.shown(sign) if "[" in name)
         # Backlash is repaired gear by gear; all other causes are one statement.
@@ -256,16 +266,10 @@ class Detection(Shown, Frozen):
     def _sizes(self, sign: Sign) -> Iterator[dict[str, Any]]:
         """Fields of the text of each size of a cause."""
         hypothesis = BY_NAME[sign.name]
-        numbers = {number.name: number for number in hypothesis.numbers}
         for name, value in hypothesis.shown(sign).items():
             kind = name.partition("[")[0]
             stated = self.stated.get(name, 0.0)
-            unit, convert = self._scale(hypothesis, name)
-            per = numbers[kind].unit if kind in numbers else ""
-            size = convert(value)
-            if hypothesis.shares:
-                # Of what the rig states as zero there is no share.
-                size, unit = (convert(value / stated), unit) if stated else (value, per)
+            size, unit = self._size(hypothesis, name, value)
             yield {
                 "size": size,
                 "distance": abs(value),
@@ -277,64 +281,78 @@ class Detection(Shown, Frozen):
                 "cycles": "".join(filter(str.isdigit, kind)),
                 "stated": stated,
                 "total": stated + value,  # fitted values are deviations from the stated ones
-                "per": per,
+                "per": _unit(hypothesis, name),
             }
 
     def _visible(self, sign: Sign) -> str:
         """An alternative, and the smallest size of it that the log would show."""
         hypothesis = BY_NAME[sign.name]
-        # In the unit of the text; of friction as a share of what the rig states.
-        # A share needs a stated number to be a share of.
-        stated = self.stated if hypothesis.shares else dict.fromkeys(sign.visible, 1.0)
-        scales = {name: self._scale(hypothesis, name) for name in sign.visible if stated.get(name)}
-        sizes = {
-            name: convert(sign.visible[name] / stated[name])
-            for name, (_, convert) in scales.items()
-        }
-        if hypothesis.falling:
-            span = _span([*sizes.values()])
-            return f"{hypothesis.title} (detectable below {span} {hypothesis.unit})"
-        # A joint that would show an effect only when it is huge is listed apart.
-        largest = SETTINGS.blind_factor * min(sizes.values(), default=0.0)
-        if hypothesis.unit == "%":
-            largest = SETTINGS.blind_percent
-        shown = {name: size for name, size in sizes.items() if size <= largest}
-        if not shown:
+        # Sizes of each unit have a span: of joints that turn, of slides, and of friction that the
+        # rig states, or states as zero.
+        of_unit: dict[str, dict[str, float]] = {}
+        for name, value in sign.visible.items():
+            size, unit = self._size(hypothesis, name, value)
+            of_unit.setdefault(unit, {})[name] = size
+        if not of_unit:
             return f"{hypothesis.title} (none is detectable)"
-        # Sizes of joints that turn and of slides have a span each.
-        of_unit: dict[str, list[float]] = {}
-        for name, size in shown.items():
-            unit = scales[name][0]
-            unit += " of the motor" * (unit == "N m")
-            of_unit.setdefault(unit, []).append(size)
-        spans = [
-            f"{_span(values)} {unit}"
-            if max(values) > SETTINGS.smallest
-            else f"less than {SETTINGS.smallest:g} {unit}"
-            for unit, values in of_unit.items()
-        ]
+        if hypothesis.falling:
+            spans = [f"{_span([*sizes.values()])} {unit}" for unit, sizes in of_unit.items()]
+            return f"{hypothesis.title} (detectable below {' and '.join(spans)})"
+        # A joint that would show an effect only when it is huge is listed apart.
+        spans = []
+        shown: set[str] = set()
+        for unit, sizes in of_unit.items():
+            largest = SETTINGS.blind_factor * min(sizes.values())
+            if unit == "%":
+                largest = SETTINGS.blind_percent
+            visible = {name: size for name, size in sizes.items() if size <= largest}
+            # Torques, and friction per speed, are those of the motor.
+            of_motor = " of the motor" if unit.startswith("N m") else ""
+            if visible:
+                spans.append(f"{_span([*visible.values()])} {unit}{of_motor}")
+            shown |= {*visible}
+        if not spans:
+            return f"{hypothesis.title} (none is detectable)"
         # The order of the joints, each once.
-        blind = dict.fromkeys(self._joint(name) for name in sizes if name not in shown)
+        blind = dict.fromkeys(self._joint(name) for name in sign.visible if name not in shown)
         exception = f", not at {', '.join(blind)}" if blind else ""
         return f"{hypothesis.title} (detectable from {' and '.join(spans)}{exception})"
 
-    def _scale(self, hypothesis: ArmHypothesis, name: str) -> tuple[str, Callable[[float], float]]:
-        """Unit in which the size of a number is printed, and the way to it from the model's."""
+    def _size(self, hypothesis: ArmHypothesis, name: str, value: float) -> tuple[float, str]:
+        """Size of a number in the unit in which it is printed, and that unit."""
         slides = "[" in name and joint_of(name) in self.slides
         if hypothesis.of_slides is not None and slides:
-            return hypothesis.of_slides
-        return hypothesis.unit, hypothesis.convert
+            unit, convert = hypothesis.of_slides
+            return convert(value), unit
+        if not hypothesis.shares:
+            return hypothesis.convert(value), hypothesis.unit
+        stated = self.stated.get(name, 0.0)
+        # Of what the rig states as zero there is no share.
+        if not stated:
+            return value, _unit(hypothesis, name)
+        return hypothesis.convert(value / stated), hypothesis.unit
 
     def _joint(self, name: str) -> str:
         """Joint of a number such as ``gear[1]``."""
         return self.joints[joint_of(name)]
 
 
+def _unit(hypothesis: ArmHypothesis, name: str) -> str:
+    """Unit of a number in the model, such as ``coulomb[0]``; empty where it has none."""
+    kind = name.partition("[")[0]
+    return next((number.unit for number in hypothesis.numbers if number.name == kind), "")
+
+
 def _span(values: list[float]) -> str:
     """Smallest and largest value, as a text."""
-    # Two digits, but no exponent for hundreds.
-    low, high = (
-        f"{value:.2g}" if value < 100 else f"{value:.0f}" for value in (min(values), max(values))
-    )
+    low, high = _digits(min(values)), _digits(max(values))
     # Values that print alike are one.
     return low if low == high else f"{low} to {high}"
+
+
+def _digits(value: float) -> str:
+    """A size, as a text."""
+    if not value > SETTINGS.smallest:
+        return f"less than {SETTINGS.smallest:g}"
+    # Two digits, but no exponent for hundreds: from ten on, these are the digits of a whole number.
+    return f"{value:.2g}" if value < 10 else f"{value:.0f}"

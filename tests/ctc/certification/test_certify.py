@@ -335,6 +335,26 @@ def test_draws_of_which_hardly_one_is_an_arm_are_moved_until_they_are():
     )
 
 
+def test_the_first_plants_have_the_counts_of_their_own_draws():
+    """A certificate from a hold, of 8 of 40 plants, said that 362 % of them were moved."""
+    wide = np.zeros((9, 9))
+    wide[3, 3] = 100.0**2
+    plants = draw(Uncertainty(covariance=wide, friction=0.0), ARM, RIG, 40, 0)
+    assert plants.redraws.sum() == plants.redrawn
+    assert plants.moved.sum() == plants.projected > 8
+    first = plants.first(np.int64(8))
+    assert len(first) == 8
+    assert first.redrawn == plants.redraws[:8].sum() < plants.redrawn
+    assert first.projected == plants.moved[:8].sum() <= 8
+    # Plants that are moved were rejected in every round.
+    assert (plants.redraws[plants.moved] == plants.redraws.max()).all()
+    assert (plants.redraws[~plants.moved] < plants.redraws.max()).all()
+    # A file of an earlier version has the counts of all of them alone.
+    earlier = dataclasses.replace(plants, redraws=None, moved=None)
+    assert earlier == plants
+    assert earlier.first(8).redrawn == plants.redrawn
+
+
 def test_a_load_is_a_body_in_the_hand():
     position = (0.1, -0.5, 0.0)
     plants = draw(
@@ -563,6 +583,19 @@ WRONG = {
         "from 1 to 20",
     ),
     "no such plant": (lambda: certified(samples=20).plant(20), "from 0 to 19"),
+    "a flag for a plant": (lambda: certified(samples=20).plant(True), "from 0 to 19; got True"),
+    "a plant from the end": (
+        lambda: certified(samples=20).plants.plant(-1, LANES, 10),
+        "from 0 to 19; got -1",
+    ),
+    "no plant to reserve for": (
+        lambda: certified(samples=20).reserves(samples=0),
+        r"from 1 to 20; got 0\. Leave it out",
+    ),
+    "no sub-step": (
+        lambda: certified(resonance=(60, 90), steps_per_sample=0),
+        "steps_per_sample must be a whole number of at least 1; got 0",
+    ),
 }
 
 

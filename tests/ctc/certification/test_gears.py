@@ -288,6 +288,11 @@ def test_elastic_gears_are_no_rigid_ones():
     (lambda: sweep_resonance(ARM, RIG, {"a": LAW}, PATH, damping_ratio=2), "damping_ratio must be at most 1"),
     (lambda: sweep_resonance(ARM, RIG, {"a": LAW}, PATH, hz=[50, 5000]),
      "hz must be below 2183 Hz, which sub-steps of 0.0437 ms can follow; got 5000"),
+    (lambda: sweep_resonance(ARM, RIG, {"a": LAW}, PATH, hz=[30, np.nan]), "hz must be finite; got nan"),
+    (lambda: sweep_resonance(ARM, RIG, {"a": LAW}, PATH, steps_per_sample=0),
+     "steps_per_sample must be a whole number of at least 1; got 0"),
+    (lambda: sweep_resonance(ARM, RIG, {"a": LAW}, PATH, threads=0),
+     "threads must be a whole number of at least 1; got 0"),
 ])  # fmt: skip
 def test_gears_that_no_loop_can_have_are_refused_in_one_line(call, message):
     with pytest.raises(ValueError, match=message) as refusal:

@@ -10,7 +10,8 @@ import pytest
 from scipy.signal import cont2discrete
 
 from identification import design_motion, frequency_response
-from plant import PD, Coupling, Elasticity, Harmonics, puma560, simulate
+from identification.planning.response import FrequencyResponse
+from plant import PD, Coupling, Drive, Elasticity, Harmonics, puma560, simulate
 from plant.machine.rig import sliding_rig
 
 ARM, POSE, DT = puma560.arm(), np.array([0.3, -0.4]), 0.0007
@@ -176,6 +177,92 @@ def test_motors_that_move_several_joints_are_refused():
     drive = dataclasses.replace(RIG.drive, coupling=Coupling(matrix=((1, 0), (1, 1))))
     with pytest.raises(ValueError, match="one motor per joint"):
         frequency_response(moved_records(), skip=8).resonances(drive)
+
+
+# A joint whose motor takes no torque: its response is that of link and gear alone.
+BARE = Drive(
+    gear=(1.0,),
+    motor_inertia=(0.0,),
+    motor_gain=(1.0,),
+    current_limit=(1.0,),
+    viscous=(0.0,),
+    coulomb=(0.0,),
+)
+COMPLIANCE = 1 / (2 * np.pi * 20) ** 2  # 20 Hz with an inertia of 1 kg m^2
+
+
+def series(frequency, inertia=1.0, damping_ratio=0.2):
+    """Response (F,) of link and gear as the module states it, to the first order of damping."""
+    omega = 2 * np.pi * frequency
+    lag = damping_ratio * COMPLIANCE / (np.pi * 20)
+    return -1 / (inertia * omega**2) + COMPLIANCE - 1j * omega * lag
+
+
+def measured_response(frequency, plant, std, held=0.0):
+    frequency = np.asarray(frequency, float)
+    plant = np.asarray(plant)[None, None]
+    std = np.broadcast_to(std, plant.shape)
+    rest = {"loop": plant, "loop_std": std, "period": 1e-3, "joints": ("q[0]",)}
+    return FrequencyResponse(frequency=frequency, plant=plant, plant_std=std, held=held, **rest)
+
+
+@pytest.mark.parametrize(
+    ("frequency", "held", "limit"),
+    [
+        ((5.0, 10.0), 1e-3, " from 0 to 200 Hz; got 2"),
+        ((5.0, 10.0), 0.0, "; got 2"),
+        ((500.0, 600.0, 700.0), 1e-3, " from 0 to 200 Hz; got 0"),
+        ((0.0, 5.0, 10.0), 1e-3, " from 0 to 200 Hz; got 2"),
+    ],
+)
+def test_fewer_lines_than_unknowns_give_no_resonance(frequency, held, limit):
+    """Two lines have a rigid gear among their solutions, and that was the answer."""
+    line = np.array(frequency)
+    few = measured_response(line, series(np.maximum(line, 1)), 1e-3 * COMPLIANCE, held)
+    with pytest.raises(ValueError, match=f"the response must have 3 lines at least{limit}"):
+        few.resonances(BARE)
+
+
+def test_three_lines_give_the_resonance():
+    line = np.array([5.0, 10.0, 15.0])
+    gears = measured_response(line, series(line), 1e-3 * COMPLIANCE).resonances(BARE)
+    np.testing.assert_allclose(gears.hz, 20, rtol=1e-6)
+    np.testing.assert_allclose(gears.damping_ratio, 0.2, rtol=1e-6)
+
+
+def test_a_torque_of_zero_gives_no_resonance():
+    """Its response, and the standard deviation of that, are 0."""
+    records = [
+        dataclasses.replace(record, torque=np.zeros_like(record.torque), current=None)
+        for record in injected_records()
+    ]
+    still = frequency_response(records)
+    assert (still.plant_std == 0).all()
+    with pytest.raises(ValueError, match=r"plant_std must be positive; got 0 at 1\.43 Hz"):
+        still.resonances(RIG.drive)
+
+
+def test_the_damping_ratio_has_the_error_of_the_compliance_too():
+    """The scatter over many measurements is the standard deviation of each."""
+    line = np.linspace(5, 60, 20)
+    std = 0.05 * COMPLIANCE
+    random = np.random.default_rng(0)
+    noise = random.standard_normal((2, 300, len(line))) * std / np.sqrt(2)
+    runs = [
+        measured_response(line, series(line) + real + 1j * imaginary, std).resonances(BARE)
+        for real, imaginary in zip(*noise, strict=True)
+    ]
+    for name in ("hz", "damping_ratio"):
+        scatter = np.std([getattr(run, name)[0] for run in runs])
+        stated = np.median([getattr(run, f"{name}_std")[0] for run in runs])
+        assert scatter / stated == pytest.approx(1, abs=0.15), name
+
+
+def test_a_gear_without_a_positive_inertia_behind_it_is_unknown():
+    """Lines above the resonance show the gear; of the inertia they show noise, of either sign."""
+    line = np.linspace(5, 60, 20)
+    unknown = measured_response(line, series(line, inertia=-1.0), 1e-3 * COMPLIANCE)
+    assert np.isnan(unknown.resonances(BARE)).all()
 
 
 def test_it_draws_both_beside_a_model():

@@ -117,3 +117,78 @@ def test_friction_has_the_size_of_a_share_of_what_is_stated(stated, size, unit):
     detection = Detection(named=(sign,), joints=("waist",), stated={"coulomb[0]": stated})
     (cause,) = detection.causes
     assert (cause.size, cause.unit) == (pytest.approx(size), unit)
+
+
+def sign_of(name, visible, chi_square=1.0, **fields):
+    """The test of a cause, significant above a chi-square of 25."""
+    return Sign(
+        name=name,
+        chi_square=chi_square,
+        freedom=1,
+        threshold=25.0,
+        explained=9.0,
+        values=dict.fromkeys(visible, 1.0),
+        visible=visible,
+        **fields,
+    )
+
+
+def shown(name, visible, **fields):
+    """What a log without a sign of a cause says of it."""
+    joints = ("waist", "shoulder", "elbow")
+    detection = Detection(signs=(sign_of(name, visible),), joints=joints, **fields)
+    return str(detection).removeprefix("no sign of ").split(". ")[0]
+
+
+def test_friction_that_the_rig_states_as_zero_is_visible_in_its_own_unit():
+    """No share of zero tells how small a friction the log would show."""
+    visible = {"viscous[0]": 0.01, "coulomb[0]": 0.02, "coulomb[1]": 0.03, "coulomb[2]": 9.0}
+    motor = "0.01 N m s/rad of the motor"
+    assert shown("friction", {"viscous[0]": 0.01}) == f"other friction (detectable from {motor})"
+    stated = {"viscous[0]": 0.0, "coulomb[0]": 0.2, "coulomb[1]": 0.0, "coulomb[2]": 3.0}
+    spans = f"{motor} and 10 % and 0.03 N m of the motor"
+    text = shown("friction", visible, stated=stated)
+    assert text == f"other friction (detectable from {spans}, not at elbow)"
+
+
+def test_a_hypothesis_without_a_visible_size_says_so():
+    for name, title in (("compliance", "compliance"), ("offset", "an offset of the torque")):
+        assert shown(name, {}) == f"{title} (none is detectable)"
+
+
+@pytest.mark.parametrize(
+    ("sizes", "span"),
+    [
+        ((0.996, 0.99), "99 to 100 %"),
+        ((0.125, 0.0126), "1.3 to 12 %"),
+        ((1e-7, 0.004), "less than 0.001 to 0.4 %"),
+        ((1e-7, 1e-8), "less than 0.001 %"),
+    ],
+)
+def test_both_ends_of_a_span_are_numbers_that_a_reader_needs(sizes, span):
+    visible = {f"gear[{i}]": size for i, size in enumerate(sizes)}
+    assert shown("gear", visible) == f"another gear (detectable from {span})"
+
+
+def test_the_short_text_names_what_is_significant_without_a_cause():
+    """As the long one does: the tolerances allow it, or its fit explains next to nothing."""
+    unclear = sign_of("gear", {"gear[0]": 0.1}, 99.0)
+    detection = Detection(signs=(unclear, sign_of("lag", {"lag": 1e-3})), joints=("waist",))
+    assert "significant, but explaining next to nothing: gear" in str(detection)
+    assert detection._short() == "2 tests, significant without a cause: gear"
+    assert Detection(signs=detection.signs[1:])._short() == "1 tests, none significant"
+
+
+def test_the_measurement_that_tells_apart_is_advised_once():
+    visible = {"offset[0]": 0.1}
+    telling = "log the same motion in both directions"
+    for fields in ({"absorbing": ("f1",)}, {"rivals": ("gear",)}):
+        both = {"absorbing": ("f1",), "rivals": ("gear",)}
+        for given in (fields, both):
+            sign = sign_of("offset", visible, 99.0, **given)
+            (cause,) = Detection(named=(sign,), joints=("waist",)).causes
+            assert cause.remedy.count(telling) == 1
+    # A cause that knows no such measurement has that of every other one.
+    cogging = sign_of("cogging", {"cogging.1cos[0]": 0.1}, 99.0, absorbing=("f1",))
+    (cause,) = Detection(named=(cogging,), joints=("waist",)).causes
+    assert cause.remedy.endswith("from another f1: log another motion")
