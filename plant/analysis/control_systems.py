@@ -244,8 +244,10 @@ def _law_system(law: Law, rig: Rig | None) -> control.NonlinearIOSystem:
     at_start = ca.Function("rate", [state, *inputs.values()], [command, rate, jump])
     # Tried at the start, at rest and in motion, since a division by dt shows in numbers only.
     for motion in (np.zeros(n), np.ones(n)):
-        *results, jumped = (result.full() for result in at_start(block.initial, *[motion] * 4))
-        if not all(np.isfinite(result).all() for result in results) or jumped.any():
+        results = at_start(block.initial, *[motion] * 4)
+        torque_at_start, rate_at_start, jump_at_start = (result.full() for result in results)
+        finite = np.isfinite(torque_at_start).all() and np.isfinite(rate_at_start).all()
+        if not finite or jump_at_start.any():
             raise ValueError(
                 "a law without a period must have equations that hold for dt = 0; those of"
                 f" {type(law).__name__} do not. Give it a period."
