@@ -152,7 +152,7 @@ def ran_by(tree, file, line, contexts):
     if not tests:
         tests = {test for found in by_line.values() for test in found} - {""}
     files = {place: i for i, place in enumerate(rooms_of(tree, file))}
-    tests = {test.partition("|")[0] for test in tests}
+    tests = {test.rpartition("|")[0] for test in tests}
     return sorted(tests, key=lambda test: (files.get(test.partition("::")[0], len(files)), test))
 
 

@@ -21,7 +21,6 @@ from model_texts import urdf
 
 import ctc.commandline.commands as commands
 from ctc import Certificate
-from ctc.commandline.commands import COMMANDS
 from ctc.commandline.inputs import Answer, path_of, records_of
 from ctc.commandline.main import main
 from ctc.commandline.words import in_the_shell
@@ -782,14 +781,14 @@ def test_options_have_their_names_in_messages():
     )
 
 
-def test_a_number_that_json_lacks_is_no_negative_verdict(capsys, monkeypatch):
-    """Code 1 would tell a script that the answer is no."""
+def test_a_number_that_json_lacks_is_a_defect_and_no_negative_verdict(capsys, monkeypatch):
+    """Code 1 would tell a script that the answer is no, and code 2 that its input is bad."""
     answer = Answer("", {"value": float("nan")})
     monkeypatch.setitem(commands.COMMANDS, "robots", lambda options: answer)
-    assert main(["robots", "--json"]) == 2
+    assert main(["robots", "--json"]) == 3
     printed = capsys.readouterr()
     assert printed.out == ""
-    assert len(printed.err.splitlines()) == 1
+    assert "defect of the library" in printed.err
 
 
 def test_an_interruption_and_a_defect_have_codes_of_their_own(capsys, monkeypatch):
@@ -819,14 +818,8 @@ def test_a_process_of_its_own(folder):
     assert "fine" in done.stdout
 
 
-def test_an_answer_that_no_json_can_hold_is_a_defect_and_no_bad_input(monkeypatch, capsys):
-    monkeypatch.setitem(COMMANDS, "robots", lambda options: Answer("", {"x": np.nan}, True))
-    assert main(["robots", "--json"]) == 3
-    assert "defect of the library" in capsys.readouterr().err
-
-
 def test_bytes_that_are_no_characters_are_printed_as_question_marks(monkeypatch, capsysbinary):
-    monkeypatch.setitem(COMMANDS, "robots", lambda options: Answer("a\udcffb", {}, True))
+    monkeypatch.setitem(commands.COMMANDS, "robots", lambda options: Answer("a\udcffb", {}, True))
     assert main(["robots"]) == 0
     assert capsysbinary.readouterr().out == b"a?b\n"
 
