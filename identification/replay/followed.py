@@ -115,10 +115,10 @@ class Followed(Experiment):
         if record.initial is None and self.begin[1].any():
             settled[: min(2 * SETTINGS.settling, len(record) // 4)] = 0
         # After a gap the simulation has drifted from the log, and the observer needs time to catch
-        # up.
+        # up. Rows without weight at the start are a gap as well.
         measured = np.flatnonzero(record.valid)
-        gaps = np.diff(record.t[measured]) > SETTINGS.gap * record.rig.period
-        for row in measured[1:][gaps].tolist():
+        missing = np.diff(record.t[measured], prepend=record.t[0])
+        for row in measured[missing > SETTINGS.gap * record.rig.period].tolist():
             settled[row : row + SETTINGS.settling] = 0
         return settled
 

@@ -10,6 +10,7 @@ import pytest
 
 from ctc import ComputedTorque
 from identification import Objective, identify
+from identification.replay.followed import SETTINGS
 from identification.replay.gauss_newton import DEPENDENT, gauss_newton, reweighed
 from identification.replay.prediction import Prediction
 from plant import (
@@ -211,6 +212,17 @@ def test_a_start_in_motion_is_not_compared_until_it_is_found():
     fit = identify(DYNAMICS, later, unknown=UNKNOWN, ranges=ranges(), progress=False).fit
     true = np.append(F, TRUE)
     assert (np.abs(fit.values - true) <= 4.5 * fit.std).all(), (fit.values - true) / fit.std
+
+
+def test_rows_without_weight_at_the_start_are_a_gap():
+    """The replay goes through them without correction, and has drifted where they end."""
+    base = log(1)
+    valid = np.r_[np.zeros(100), np.ones(len(base) - 100)]
+    settled = 100 + SETTINGS.settling
+    late = dataclasses.replace(base, valid=valid)
+    (followed,) = Prediction(DYNAMICS, [late], UNKNOWN)._followed
+    assert not followed.weight[:settled].any()
+    assert followed.weight[settled:].any()
 
 
 def test_a_record_that_the_model_cannot_follow_counts_less():
