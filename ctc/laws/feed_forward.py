@@ -14,8 +14,8 @@ from plant.parts.vector import Fields, per_joint
 
 @base
 class Aided(ModelLaw):
-    """Base: tau = feedback + what `aid` gives of the setpoint and the counts, as often as the
-    feedback runs.
+    """Base: tau = feedback + aid. In each step of the feedback, `aid` is computed from the setpoint
+    and the counts.
 
     `feedback`: a simple law, such as `plant.PD`, whose period is that of the whole. Its
     anti-windup gets the applied torque less the aid.
@@ -23,14 +23,14 @@ class Aided(ModelLaw):
     Raises
     ------
     ValueError
-        As `ModelLaw`; a feedback for other joints.
+        As for `ModelLaw`; if the feedback has a model, replays a log or has gains for other joints.
     """
 
     feedback: Law = structure(Law)
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        # Two models in one loop would feed gravity forward twice.
+        # A model in the feedback, or a replayed torque, would feed gravity forward a second time.
         if isinstance(self.feedback, ModelLaw) or self.feedback.replays:
             kind = type(self.feedback).__name__
             raise ValueError(
@@ -40,8 +40,8 @@ class Aided(ModelLaw):
         self.feedback.block(self.rig)  # refuses gains for other joints
 
     @property
-    def period(self) -> float | None:  # type: ignore[override]  # declared, and here the feedback's
-        """That of the feedback [s], or None."""
+    def period(self) -> float | None:  # type: ignore[override]  # a plain attribute in the base
+        """Period of the feedback [s]; None where the feedback has none."""
         return self.feedback.period
 
     def block(self, rig: Rig) -> Block:
@@ -58,7 +58,7 @@ class Aided(ModelLaw):
     ) -> Step:
         """Tau = feedback + aid."""
         before = self.fields.read(state, rig.n)
-        # The feedback sees its own part of the torque, so that its anti-windup counts the rest.
+        # The anti-windup of the feedback needs the part of the torque that the feedback gave.
         feedback_torque = torque - before.aid
         commanded, memory = self.feedback.equations(
             rig, before.feedback, setpoint, pulses, feedback_torque, dt
@@ -73,9 +73,9 @@ class Aided(ModelLaw):
 
 @part
 class PDGravity(Aided):
-    """tau = feedback + g-hat(q): PD control with gravity compensation.
+    """tau = feedback + g-hat(q) - springs(q): PD control with gravity compensation.
 
-    q is the middle of the encoder's cell.
+    q (n,) is, for each joint, the middle of the interval of positions that give its count.
 
     Parameters
     ----------
@@ -100,12 +100,12 @@ class PDGravity(Aided):
     """
 
     def model_parts(self, q: ca.SX, qd: ca.SX, qdd: ca.SX) -> dict[str, ca.SX]:
-        """Gravity alone."""
+        """Gravity alone, which depends on neither `qd` nor `qdd`."""
         return {"gravity": self.arm.dynamics.gravity(q, self.arm.f)}
 
     def aid(self, rig: Rig, setpoint: Setpoint, pulses: ca.SX) -> ca.SX:
         """Torque of gravity, less that of springs (n,) [N m]."""
-        # Gravity acts where the arm is; the middle of the cell is its best known place.
+        # Gravity depends on the true position; the middle of the cell is its best estimate.
         q = rig.cell_centre(pulses)
         return self.model_parts(q, q, q)["gravity"] - self.rig.spring_torque(q)
 
@@ -114,7 +114,7 @@ class PDGravity(Aided):
 class FeedForward(Aided):
     """tau = feedback + D-hat(q_r) qdd_r + h-hat(q_r, qd_r) + friction(qd_r).
 
-    The whole model is fed forward, along the reference alone.
+    The whole torque of the model is computed from the reference, without any measurement.
 
     Parameters
     ----------
@@ -136,6 +136,6 @@ class FeedForward(Aided):
 
     def aid(self, rig: Rig, setpoint: Setpoint, pulses: ca.SX) -> ca.SX:
         """Torque that the reference needs (n,) [N m]."""
-        # The reference alone: measured speeds would feed the rounding of counts into the torque.
+        # No measured speed is used: it would feed the rounding of counts into the torque.
         parts = self.model_parts(*setpoint[:3])
         return parts["inertia"] + self.h(setpoint.q, setpoint.qd) + parts["friction"]

@@ -25,7 +25,8 @@ class FollowedSettings:
     gap : float
         Longest time without a sample that a replay bridges [periods].
     settling : int
-        Samples after a longer gap that are not compared: the replay converges to the log again.
+        Samples not compared after a longer gap, while the replay converges to the log again. After
+        a start at an unknown speed up to twice as many are not compared.
     window : int
         Samples on either side over which the speed of the counts is taken.
     slow : float
@@ -47,9 +48,10 @@ SETTINGS = FollowedSettings()
 class Followed(Experiment):
     """One record, ready to be followed by a model that an observer corrects.
 
-    `heard` (n,): joints that are compared, with `moving` only those that move. `weight` (N, n):
-    root of the independent readings of each sample. `remembered`: number of unknowns of its law's
-    and arm's state before the log.
+    `heard` (n,): joints that are compared; if `moving`, only those that move. `weight` (N, n): root
+    of the number of independent readings in each sample; if `steady`, and the law replays no log,
+    0 during slow motion and shortly after. `remembered`: number of unknowns for the state of law
+    and arm at the first sample, 0 where that state is known.
     """
 
     def __init__(
@@ -71,7 +73,7 @@ class Followed(Experiment):
             self.places += [
                 i for i, name in enumerate(self.loop.number_names) if name.startswith("law.state[")
             ]
-        # The unknowns differ between the simulations that run side by side: a lane each.
+        # Each lane of the kernel simulates the loop with its own values of the unknowns.
         self._kernel = logged_kernel(self.loop, self.places, uneven=self.clock.even is None)
         self.heard = ~hardly_moving(record) | (not moving)
         self._tables = self._kernel.along(
@@ -90,17 +92,17 @@ class Followed(Experiment):
         passed = np.diff(counts, axis=0, prepend=counts[:1])
         travelled = np.cumsum(np.abs(passed, out=passed), axis=0, out=passed)
         moved = speed_of(travelled, SETTINGS.window)
-        # All samples of one quantisation cell repeat one error: a sample is worth as many readings
-        # as cells are entered in it, and at most one.
+        # All samples in one quantisation cell share one rounding error. So a sample is worth the
+        # average number of cells entered per sample around it, but no more than one reading.
         valid = (self.record.valid * self._settled())[:, None]
         self.weight = np.sqrt(np.minimum(1.0, moved) * valid) * self.heard
         if self._steady and not self.loop.law.replays:
             self.weight *= _steady(moved)[:, None]
 
     def _settled(self):
-        """0 (N,) while a replay has not converged to the log, else 1.
+        """0 (N,) at samples where the simulation has not converged to the log, else 1.
 
-        It has not after a gap, nor after a start at an unknown speed.
+        Zeros follow an unknown start and, if the law replays and there is no `memory`, each gap.
         """
         settled = np.ones(len(self.record))
         record = self.record
@@ -150,7 +152,7 @@ class Followed(Experiment):
 
     @property
     def rounds(self) -> bool:
-        """Whether the arm of the log felt the rounding of its counts, which the model omits."""
+        """Whether rounded counts drove the arm in the log; the model does not round them."""
         return not (self.loop.law.replays or self.record.rig.encoder.smooth)
 
     def rounded(
@@ -158,8 +160,8 @@ class Followed(Experiment):
     ) -> list[Floats]:
         """Counts (N, n) of the logs that the model itself makes with rounding encoders.
 
-        `shifts`: of the encoders (n,), a log for each. `steps`: per sample, at which it feels the
-        counts.
+        `shifts`: shifts (n,) of the encoders, one array for each log. `steps`: steps per sample; at
+        each step the model feels the counts.
         """
         start, numbers = self._start(values)
         return Rounding(self.loop, self.record, steps).counts(
@@ -175,7 +177,7 @@ class Followed(Experiment):
         return copied.innovations(values)
 
     def beside(self, torque: Floats) -> Self:
-        """The same with another torque (N, n) [N m] injected, which a repeated torque contains."""
+        """A copy with another injected torque (N, n) [N m]; a replayed column changes with it."""
         # A shallow copy shares the kernel and the tables of the path, which are large.
         copied = copy.copy(self)
         record = self.record
@@ -199,7 +201,7 @@ class Followed(Experiment):
     def innovations(self, values: Floats) -> Floats:
         """Weighted innovations (N n,) with values (k,) of the unknowns.
 
-        inf where the run diverges.
+        All of them are inf if the run diverges.
         """
         return self.block([values])[0]
 
@@ -254,9 +256,9 @@ def speed_of(counts: Floats, window: int) -> Floats:
 def _steady(moved):
     """1 (N,) while all joints are fast enough; 0 while one is slow, and for a while after it.
 
-    A slow joint's counts change one by one; the torque of each, which a model without rounding
-    lacks, excites elastic gears like a compliance of their own. A joint that is slow most of the
-    time is left out of this.
+    The counts of a slow joint change one by one. Each change causes a torque that a model without
+    rounding lacks, and this torque excites elastic gears. A joint that is slow in at least half of
+    the samples is ignored.
     """
     slow_joints = moved < SETTINGS.slow
     slow = slow_joints[:, slow_joints.mean(axis=0) < 0.5].any(axis=1)

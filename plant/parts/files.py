@@ -10,7 +10,7 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
-# Age [s] beyond which no living process can still be writing a temporary file; chosen by hand.
+# A temporary file not written to for longer than this [s] counts as abandoned; chosen by hand.
 _OLD = 60.0
 
 
@@ -22,7 +22,7 @@ def path_of(name: str, value: Any) -> Path:
 
 
 def require_bounded(path: str | Path, most: int) -> None:
-    """Refuse a folder, a pipe, a device, and a file of more than `most` bytes, before reading it.
+    """Refuse, without reading it, anything but a regular file of at most `most` bytes.
 
     The ValueError does not name the path.
     """
@@ -40,17 +40,17 @@ def require_bounded(path: str | Path, most: int) -> None:
 
 
 def read_bounded(path: str | Path, most: int) -> bytes:
-    """All bytes of a file, at most `most`; a file that grows meanwhile is refused too."""
+    """All bytes of a regular file; refuse one that has, or grows to, more than `most` bytes."""
     require_bounded(path, most)
     # Without O_NONBLOCK the opening of a pipe would wait for its writer.
     flags = os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)
     with open(path, "rb", opener=lambda name, _: os.open(name, flags)) as file:
-        # The path may have been replaced since the first check; the open file cannot be.
+        # Since the first check the path may have come to name a pipe; the open file stays the same.
         if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
             raise ValueError(
                 "must be a file; got a pipe or a device. Give the path of the file itself."
             )
-        # One byte more than allowed shows that the file has grown.
+        # One byte more than allowed shows that the file has grown past the limit.
         data = file.read(most + 1)
     if len(data) > most:
         raise ValueError(
@@ -60,7 +60,7 @@ def read_bounded(path: str | Path, most: int) -> bytes:
 
 
 def require_new(target: str | Path, overwrite: bool) -> Path:
-    """Path of a file to be written; an existing file is refused, unless `overwrite`."""
+    """Path of a file to write. A missing folder, or without `overwrite` an old file, is refused."""
     path = Path(target)
     if path.exists() and not overwrite:
         raise ValueError(
@@ -77,9 +77,9 @@ def require_new(target: str | Path, overwrite: bool) -> Path:
 def write_whole(path: str | Path, content: Iterable[str | bytes]) -> None:
     """Write a file atomically: a reader sees the previous file or the new one, never a mixture.
 
-    A link is followed; the folder must exist. `content` yields str (written as UTF-8) or bytes. A
-    folder, a pipe or a device at the path is refused; after an OSError the previous file is
-    unchanged.
+    A link is followed; its target's folder must exist. `content` yields str (written as UTF-8) or
+    bytes. A folder, a pipe or a device at the path is refused; after an OSError the previous file
+    is unchanged. The new file has default permissions, not those of the previous one.
     """
     # Follow links: replacing the link itself would leave the file it points to unchanged.
     target = Path(os.path.realpath(path))
@@ -88,7 +88,7 @@ def write_whole(path: str | Path, content: Iterable[str | bytes]) -> None:
             f"{path} must be a file or not be there; it is a folder, a pipe or a device. Choose"
             " another."
         )
-    # In the same folder: `os.replace` is atomic only within one file system.
+    # The temporary file is in the same folder: `os.replace` works only within one file system.
     temporary = target.with_name(f"{_beside(target)}{secrets.token_hex(8)}")
     try:
         with open(temporary, "xb") as file:
@@ -115,7 +115,7 @@ def write_whole(path: str | Path, content: Iterable[str | bytes]) -> None:
 
 
 def remove_remains(path: str | Path) -> None:
-    """Remove temporary files of killed processes beside a file, but none that may be in use."""
+    """Remove old temporary files, which killed processes left beside a file."""
     target = Path(os.path.realpath(path))
     for remnant in target.parent.glob(f"{glob.escape(_beside(target))}{'[0-9a-f]' * 16}"):
         with contextlib.suppress(OSError):
@@ -125,5 +125,5 @@ def remove_remains(path: str | Path) -> None:
 
 
 def _beside(target: Path) -> str:
-    """Prefix of the names of temporary files."""
+    """Prefix of the names of temporary files for `target`; cut, as a name has a limited length."""
     return f".{target.name[:100]}."
