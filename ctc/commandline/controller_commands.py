@@ -25,11 +25,11 @@ from plant.parts.messages import progress_bar
 
 
 def run_certify(options: Namespace) -> Answer:
-    """Probability that computed torque from an identification exceeds a pulse limit."""
+    """Find the probability that the error under computed torque exceeds a limit in pulses."""
     place = output_place(options)
     identification = Identification.load(options.found)
     law = _law(identification, options)
-    # The uncertainty comes from covariance and options, the motions from the log or a file.
+    # The motions come from the log or a file; the uncertainty from covariance, --robot and options.
     motions = motions_asked(identification, options.path, options.everyday)
     certificate = certify(
         identification,
@@ -39,7 +39,7 @@ def run_certify(options: Namespace) -> Answer:
         _uncertainty(options, identification),
         **_run(options),
     )
-    # From a hold, static friction may be anywhere inside its cone at the start.
+    # After a hold, static friction may start at any value between its limits.
     if options.hold:
         certificate = certificate.from_hold(samples=options.samples)
     messages = [str(certificate), f"computed torque with a bandwidth of {law.bandwidth:g} rad/s"]
@@ -68,7 +68,7 @@ def run_tune(options: Namespace) -> Answer:
     ]
     of_law = {"law": kind, "numbers": best.numbers, "interrupted": tuning.interrupted}
     answer = _certified(identification, tuning.certificate, messages, of_law, place)
-    # Few samples of the certificate may all keep a limit that samples of the search exceed.
+    # The certificate may have too few samples to show a failure that the search found.
     return dataclasses.replace(answer, good=answer.good and tuning.holds)
 
 
@@ -87,7 +87,7 @@ def _uncertainty(options: Namespace, identification: Identification) -> Uncertai
     # An option that was not given leaves the value of the robot file.
     named: Any = {name: value for name, value in fields.items() if value is not None}
     uncertainty = dataclasses.replace(cast(Uncertainty, stated or Uncertainty()), **named)
-    # Without a covariance there is nothing to draw samples from, except gears of a range.
+    # Without a covariance, samples can be drawn only from a stated range of gear resonances.
     if identification.covariance is None and uncertainty.resonance is None:
         why = (
             identification.fit.fallback_reason
@@ -116,7 +116,7 @@ def _certified(
     of_law: dict[str, Any],
     place: Path | None,
 ) -> Answer:
-    """Save a certificate and answer with it; negative if the identification is doubtful."""
+    """Save a certificate and answer with it; good if it holds and the fit raises no doubts."""
     doubtful = doubts(identification)
     if doubtful:
         count = "a warning" if len(doubtful) == 1 else f"{len(doubtful)} warnings"
@@ -124,7 +124,7 @@ def _certified(
         messages = [f"{doubt}; what follows takes it for right.", *messages]
     if place is not None:
         certificate.save(place)
-    # The same keys for one motion and for several.
+    # One motion and several motions share most keys.
     data = _data(certificate) | {"verdict": certificate.verdict, "doubts": doubtful, **of_law}
     if isinstance(certificate, Certificates):
         data |= {
@@ -144,12 +144,12 @@ def _data(certificate: Certificate | Certificates) -> dict[str, Any]:
         "samples": len(certificate.plants),
         "interval": [*certificate.interval],
         "after": certificate.settings["after"],
-        # The loudest joint, of the median sample: one sample that diverges must not decide.
+        # The largest median of a joint over the samples: one that diverges must not decide.
         "chatter": plain_number(np.median(certificate.runs.chatter, axis=0).max()),
     }
     if isinstance(certificate, Certificates):
         return data
-    # Each motion of a set has its own start, and its own comparison with the log.
+    # Only a single motion has a start and a comparison with the log.
     seen = certificate.seen
     rest = certificate.from_rest
     data["from_rest"] = None if rest is None else str(rest)
@@ -164,7 +164,7 @@ def _law(identification: Identification, options: Namespace) -> ComputedTorque:
 
 def run_report(options: Namespace) -> Answer:
     """One page of an identification, and of its controller where a path can be followed."""
-    if not options.output.endswith((".html", ".htm")):
+    if not options.output.lower().endswith((".html", ".htm")):
         raise ValueError(f"the page must be an .html file; got {options.output}. Name it so.")
     place = output_place(options)
     with progress_bar(1.0, "report", "share", not options.quiet) as bar:
@@ -184,7 +184,7 @@ def _to_report(options: Namespace) -> tuple[Identification, list[Any]]:
     certificate: Any = (
         None if options.certificate is None else Certificate.load(options.certificate)
     )
-    # Two statements about one controller could contradict each other.
+    # The certificate fixes the controller; a bandwidth beside it could contradict it.
     if certificate is not None and options.bandwidth is not None:
         raise ValueError(
             "the controller must be the certificate's; got --bandwidth beside it. Leave it out."
@@ -200,7 +200,8 @@ def _to_report(options: Namespace) -> tuple[Identification, list[Any]]:
         else:
             path = path_of(identification, options.path)
     except ValueError:
-        if options.path is not None:
+        # A bandwidth is of a controller, which needs a path.
+        if options.path is not None or options.bandwidth is not None:
             raise
     else:
         # Nominal arm and rig: what the certificate adds is their uncertainty.

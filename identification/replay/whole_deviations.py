@@ -1,11 +1,11 @@
 """A fit whose slopes hold over whole standard deviations of its values.
 
-Where a joint creeps or sticks, innovations jump as friction lets go, at one value here and at
-another there. Differences over a short step count each jump as knowledge: a search ends between
-two of them, with deviations that are too small. The sum of squares over a whole deviation tells.
-Therefore the principal axes of the covariance, each one deviation long, are simulated as a whole.
-Where they change the innovations by much less than the covariance claims, fit, slopes and
-covariance are made anew over such axes, until both agree.
+Where a joint creeps or sticks, the innovations jump at the values at which friction lets go.
+Slopes over a short step count each jump as information: the search ends between two jumps, and the
+deviations are too small. A step of a whole deviation shows this. Therefore such a step is simulated
+along each axis of the covariance. If some step changes the innovations by much less than the
+covariance claims, values, slopes and covariance are fitted again with such steps, until the steps
+confirm the covariance or the rounds are used up.
 """
 
 from dataclasses import replace
@@ -22,18 +22,18 @@ from plant.parts.sums import dot, norm, products
 
 @frozen_settings
 class WholeDeviationSettings:
-    """When slopes hold over a deviation; chosen on drawn rigs.
+    """Limits and step lengths of the fits over whole deviations, chosen on drawn rigs.
 
     Parameters
     ----------
     claimed : float
         Least share of the claimed information that a direction must have over a whole deviation.
-        Of sound fits of ``tests/benchmarks/any_rig.py`` it is 0.92 and more; of seed 180, whose
-        values were 31 of their deviations off, less than 0.001.
+        Sound fits of ``tests/benchmarks/any_rig.py`` have 0.92 or more. The fit of seed 180, whose
+        values were 31 deviations off, has less than 0.001.
     agreed : float
-        Share from which on a fit over whole deviations has ended.
+        Least share of the claimed information at which the fits over whole deviations end.
     rounds : int
-        Most fits over whole deviations.
+        Largest number of fits over whole deviations.
     lengths : tuple of float
         Shares of a Gauss-Newton step that are tried.
     """
@@ -48,12 +48,12 @@ SETTINGS = WholeDeviationSettings()
 
 
 class Axes(NamedTuple):
-    """Principal axes of a covariance, and what they change.
+    """Axes of a covariance, and how the innovations change along them.
 
-    `roots` (v, v): of the varied values, in columns that are one deviation long. `along`: the
-    innovations as a function of deviations (v,) along them. `changes` (M, v): of the innovations,
-    per deviation. `information` (v, v): products of the changes over the noise; the unit matrix
-    where the covariance holds.
+    `roots` (v, v): columns that each move the varied values by one deviation along an axis.
+    `along`: the innovations as a function of coordinates (v,), in deviations along the axes.
+    `changes` (M, v): changes of the innovations per deviation. `information` (v, v): products of
+    the changes, divided by the noise; the unit matrix if the covariance holds.
     """
 
     roots: Floats
@@ -75,6 +75,8 @@ class Axes(NamedTuple):
 def over_whole_deviations(residual: Reweighable, solution: Solution, bounds: Floats) -> Solution:
     """The solution itself if its covariance holds over its deviations; else one whose does.
 
+    Where no round reaches that, it is the solution of the last one that could be made.
+
     `bounds` (k, 2): of the values.
     """
     # 1. Values that vary, and are not held by a bound.
@@ -88,37 +90,55 @@ def over_whole_deviations(residual: Reweighable, solution: Solution, bounds: Flo
     # 2. Fits over whole deviations, from the one that claims too much.
     try:
         axes = _axes(residual, values, innovations, varied, covariance, bounds)
-        if axes.least >= SETTINGS.claimed:
-            return solution
-        for _ in range(SETTINGS.rounds):
-            step = -np.linalg.solve(products(axes.changes), axes.changes.T @ innovations)
-            vectors = np.outer(SETTINGS.lengths, step)
-            rows = axes.along.all_innovations(vectors)
-            costs = [dot(row, row) if np.isfinite(row).all() else np.inf for row in rows]
-            best = int(np.argmin(costs))
-            if costs[best] < dot(innovations, innovations):
-                values = axes.along.values_of(vectors[best])
-                innovations = rows[best].copy()
-            axes = _axes(residual, values, innovations, varied, axes.covariance, bounds)
-            if axes.least >= SETTINGS.agreed:
-                break
-    except ValueError:  # an axis loses the log, or leaves the bounds, however short it is
+        covariance = axes.covariance
+    except ValueError:  # on some axis, even a short step leaves the bounds or loses the log
         return solution
+    if axes.least >= SETTINGS.claimed:
+        return solution
+    for _ in range(SETTINGS.rounds):
+        try:
+            fitted, rows = _fitted(residual, axes, values, innovations)
+            refined = _axes(residual, fitted, rows, varied, covariance, bounds)
+            covariance = refined.covariance
+        # The first solution is known to claim too much: that of the last round stays.
+        except ValueError:
+            break
+        values, innovations, axes = fitted, rows, refined
+        if axes.least >= SETTINGS.agreed:
+            break
 
-    # 3. The solution by the changes along the axes; a value on a bound keeps its slope.
-    covariance = np.zeros_like(solution.covariance)
-    covariance[np.ix_(varied, varied)] = axes.covariance
+    # 3. The solution from the changes along the axes. A value on a bound keeps its slope, but its
+    # variance becomes zero.
+    of_values = np.zeros_like(solution.covariance)
+    of_values[np.ix_(varied, varied)] = axes.covariance
     by_value = solution.slopes.copy()
     by_value[:, free[solution.varied]] = np.linalg.solve(axes.roots.T, axes.changes.T).T
     unscaled = innovations * residual.scales
     return replace(
         solution,
         values=values,
-        covariance=covariance,
+        covariance=of_values,
         residual=unscaled,
         rms_innovation=float(norm(unscaled) / norm(residual.weights)),
         slopes=by_value,
     )
+
+
+def _fitted(
+    residual: Reweighable, axes: Axes, values: Floats, innovations: Floats
+) -> tuple[Floats, Floats]:
+    """Values (k,) after a Gauss-Newton step along the axes, and their innovations (M,).
+
+    They are the given ones where no length of the step is better.
+    """
+    step = -np.linalg.solve(products(axes.changes), axes.changes.T @ innovations)
+    vectors = np.outer(SETTINGS.lengths, step)
+    rows = axes.along.all_innovations(vectors)
+    costs = [dot(row, row) if np.isfinite(row).all() else np.inf for row in rows]
+    best = int(np.argmin(costs))
+    if costs[best] < dot(innovations, innovations):
+        return axes.along.values_of(vectors[best]), rows[best].copy()
+    return values, innovations
 
 
 def _axes(
@@ -129,8 +149,8 @@ def _axes(
     covariance: Floats,
     bounds: Floats,
 ) -> Axes:
-    """The principal axes of a covariance (v, v) of the varied values (k,)."""
-    # Axes of the correlations, in which values of all units are alike.
+    """The axes of a covariance (v, v) of those `values` (k,) that are varied."""
+    # The axes are those of the correlations, which do not depend on the units of the values.
     deviations = np.sqrt(np.diag(covariance))
     sizes, directions = np.linalg.eigh(covariance / np.outer(deviations, deviations))
     roots = deviations[:, None] * directions * np.sqrt(np.maximum(sizes, np.finfo(float).eps))
@@ -139,7 +159,7 @@ def _axes(
     def moved(coordinates: Floats) -> Floats:
         vector = values.copy()
         vector[varied] += roots @ coordinates
-        # Beyond its bounds a value means nothing: the step is shortened.
+        # A value beyond its bounds becomes NaN, so that the step is shortened.
         return np.where((low <= vector) & (vector <= high), vector, np.nan)
 
     names = [residual.unknown[i] for i in varied.tolist()]

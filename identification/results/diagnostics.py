@@ -1,11 +1,11 @@
 """Diagnostics of a fit: differences from a simulation, delay of the counts, bands of torques.
 
-If records contradict each other, their common fit describes no machine: the contradiction shifts
-its values by more than its covariance states, above all where the observer gains rise to follow an
-unmodelled effect. Each record is then identified alone, and the fits are averaged. The weight of a
-value is the inverse of the sum of its variance and the variance between records (`random_effects`).
-The mean does not remove a wrong statement about the rig, which all records share. The common fit is
-kept if it repeats a held-out record better than the mean does.
+If records contradict each other, their common fit describes no machine: its values are wrong by
+more than its covariance states, above all where the observer gains rise to follow an unmodelled
+effect. Each record is then identified alone, and the fits are averaged. The weight of a value is
+the inverse of the sum of its variance and the variance between records (`random_effects`). A wrong
+statement about the rig affects all records alike, so the mean does not correct it. The common fit
+is kept if it repeats the held-out records better than the mean does.
 """
 
 from __future__ import annotations
@@ -60,21 +60,22 @@ class Diagnostics(Shown, Frozen):
     objective : float
         Objective (4) in the records that were searched [pulses^2].
     difference, held_out_difference : float, float or None
-        Root mean square, per sample and joint, between the errors measured and simulated with the
-        identified values [pulses]: in the records, and in those held out. Two roundings alone give
-        0.58.
+        Root mean square, over samples and joints, of the measured errors minus those simulated with
+        the identified values [pulses]: in the searched records, and in those held out. Two runs
+        that differ only in their starting points within a count give 0.58.
     bands : dict
-        Of logged torques: pass band [Hz] -> mean ratio of least squares in that band to the
-        identified f, each weighted by its precision.
+        Pass band [Hz] -> mean ratio of the values that least squares gives on the logged torques in
+        that band to the identified values, weighted by precision. Empty unless all records are
+        replays.
     delay, delay_std : float
-        Delay of the counts [samples] against a simulation with the identified values, and its
-        standard deviation; NaN and inf where that is not known.
+        Delay of the counts [samples] against a simulation with the values of the common fit, and
+        its standard deviation; NaN and inf if the delay is unknown.
     detection : Detection
         Whether compliance, backlash, lag, other friction or late counts explain the innovations.
     law_apart : tuple
-        For each searched record and joint (n,): rms difference between the logged torque and that
-        of the stated law along the log, started from the best state, as a share of the logged
-        torque. None where the log does not show it.
+        For each searched record, an array over the joints (n,): rms difference between the logged
+        torque and that of the stated law, as a share of the logged torque. The law follows the log
+        from the initial state that fits best. None for a record that does not show the difference.
     expected, limit : float
         Rms difference [pulses] between runs of the model. The runs take values as likely as the
         identified ones and start at different points within a count, because a loop that hunts by
@@ -85,9 +86,9 @@ class Diagnostics(Shown, Frozen):
         `difference` with the values of "prediction_error", if they explain the log and those of
         the chosen method do not. The log is then healthy. NaN otherwise.
     hunts : tuple of int
-        Records whose loop oscillates at about the frequency at which the loop of the model also
-        oscillates, by friction and counts alone. Other contradictions of these records still show
-        in `difference` and `detection`.
+        Records whose loop oscillates at about the same frequency as the loop of the model, which
+        oscillates by friction and counts alone. `difference` and `detection` still show other
+        contradictions of these records.
     held_out_limit : float
         The limit of the records held out.
     """
@@ -134,8 +135,8 @@ class Diagnostics(Shown, Frozen):
         """
         held_out = None if problem.held_out is None else repeating(problem, problem.held_out)
 
-        # 1. The delay of the counts. Values without a covariance may be far off and say nothing of
-        # it; a replayed torque has no loop.
+        # 1. The delay of the counts. Values without a covariance may be too far off to show
+        # a delay, and a replayed torque has no loop.
         delay = np.nan
         delay_std = np.inf
         if fit.covariance is not None and not any(problem.replays):
@@ -143,8 +144,8 @@ class Diagnostics(Shown, Frozen):
                 problem.dynamics, objective.records, fit.unknown, fit.values, **problem.options
             )
 
-        # 2. Effects that the rig does not model, and the mean of records that disagree; unless the
-        # common fit repeats the record held out better.
+        # 2. Effects that the rig does not model. If records disagree, the mean of their fits
+        # replaces the common fit, unless the common fit repeats the held-out records better.
         # A significant delay is tried as a cause, whatever its score test.
         late = delay if is_late(delay, delay_std) else 0.0
         common = detect(problem, fit, outcome, late)
@@ -231,7 +232,7 @@ def _doubted(runs: Sequence[Predicted], objectives: Sequence[Objective]) -> bool
 
 
 def _wider(run: Predicted, run_with_bias: Predicted) -> Predicted:
-    """The run with the larger limit of the two, at most `_WIDER` times its expected difference."""
+    """The run with its limit raised to that with bias, but not beyond `_WIDER` times `expected`."""
     if not run.expected > 0:  # NaN: nothing asks for an explanation
         return run
     with_bias = np.fmin(run_with_bias.limit, _WIDER * run.expected)
@@ -272,8 +273,10 @@ def _bands(problem: Problem, values: Floats) -> dict[float, float]:
         f = np.array([identified[name] for name in names])
         least_squares = np.array([fit[name] for name in names])
         std = fit.std[[fit.names.index(name) for name in names]]
-        # A ratio of a precise value counts more.
-        ratios[band] = float(np.average(least_squares / f, weights=(f / std) ** 2))
+        # A ratio of a precise value counts more; where none is known at all there is no mean.
+        weights = (f / std) ** 2
+        if weights.any():
+            ratios[band] = float(np.average(least_squares / f, weights=weights))
     return ratios
 
 
@@ -296,7 +299,8 @@ def of_each(problem: Problem, detection: Detection) -> Detection:
 
     A record that does not determine all unknowns by itself is left out of the mean. No mean is
     taken with a rough method, or if fewer than two records, or fewer than half of them, remain.
-    `between` is then set to None: linearised about the common fit, this scatter is too small.
+    With zeros or memories, all records must remain. If contradicting records get no mean, `between`
+    is set to None: its scatter, linearised about the common fit, is too small.
     """
     count = len(problem.records)
     if not OF_RECORDS & {*detection.names} or detection.grouped is None or count < 2:

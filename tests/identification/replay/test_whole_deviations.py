@@ -88,3 +88,26 @@ def test_no_axis_leaves_the_bounds(low):
     assert min(vector[1] for vector in vectors) >= low
     # What a bound holds has no axis; the other value is as free as before.
     assert (solution is between) == (low < 1.0)
+
+
+def test_a_round_that_fails_leaves_what_the_rounds_before_it_have_shown():
+    """The first covariance is known to claim too much, and does not come back."""
+    residual = Rippled(ripple=2e-3)
+    between = fit(residual, STEEP)
+    simulated = residual.all_innovations
+    calls = []
+    residual.all_innovations = lambda rows: simulated(calls.append(1) or rows)
+    over_whole_deviations(residual, between, BOUNDS)
+    count = len(calls)
+
+    def failing(rows):
+        calls.append(1)
+        if len(calls) == count:
+            raise ValueError("the arm leaves the log")
+        return simulated(rows)
+
+    calls.clear()
+    residual.all_innovations = failing
+    solution = over_whole_deviations(residual, between, BOUNDS)
+    assert len(calls) == count
+    assert np.diag(solution.covariance)[0] > 2 * np.diag(between.covariance)[0]
