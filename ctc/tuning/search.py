@@ -1,9 +1,9 @@
 """Search of one family for the tuning with the least chatter that keeps the limit.
 
-The genetic algorithm of 3.7 searches it.
+The genetic algorithm `minimize_genetic` searches the family.
 
-The search simulates few samples, the check of its best tunings many. Samples that exceed the limit
-in a check join the next search, so a failure that a check has shown cannot be missed again.
+A search simulates few samples; the check of its best tunings simulates many. Unless some samples
+may fail, the worst failing samples of each check join the next search.
 """
 
 import dataclasses
@@ -40,13 +40,13 @@ class SearchSettings:
     shared_motions : int
         Number of motions up to which the validation samples are shared out among them.
     rounds : tuple of (int, float)
-        Generations of each search in turn, and the share of the limit within which its errors
-        before rounding must stay. An infinite share leaves the decision to the counts, as the
-        verdict does: counts of one pulse are errors before rounding of up to two.
+        Generations of each search in turn, and its aim: the share of the limit that the errors
+        before rounding may reach. Under an infinite aim only the counts decide, as in a check:
+        an error of up to two pulses before rounding can count as one pulse.
     quieter_searches : int
-        Searches, at most, that go on from the first tuning under which no sample exceeds the limit.
+        Largest number of searches for a quieter tuning after a tuning holds.
     quieter_gain : float
-        Another of these searches follows where the last one brought the chatter below this share.
+        Such a search is repeated if it cut the chatter to at most this share of its former value.
     quieter_radius : float
         Their largest distance from the best tuning, in the logarithm of each variable.
     quieter_aim : float
@@ -66,16 +66,16 @@ class SearchSettings:
     inner_samples : int
         Samples on which each inner loop is judged.
     screening_samples : int
-        Samples after which a check ends if more exceed the limit than may.
+        Samples after which a check ends if more than twice the allowed share exceed the limit.
     initial_motions : int
         Motions of a set with which a search begins.
     reference_variables : int
         Number of variables with which a family gets all generations of `rounds`; fewer variables
         get proportionally fewer generations.
     louder : float
-        A family whose initial tunings all have this many times the chatter of a tuning that holds
-        in another family is not searched (three minutes for nine motions:
-        tests/benchmarks/tuning.py --time).
+        A family is not searched if all its initial tunings have more than this many times the
+        chatter of a tuning that holds in another family. A search takes three minutes for nine
+        motions (tests/benchmarks/tuning.py --time).
     failure_weight : float
         Cost of the share of loops that exceed the limit; mean chatter, in shares of each joint's
         torque, has the weight 1.
@@ -156,8 +156,9 @@ class Tunings:
     duration [s]; a sample fails if it exceeds the limit in any of them. `options`: of `Population`.
     `scale` (n,): torque [N m] to which a joint's chatter is compared. `run_options`: of
     `Population.run`. `allowed`: share of the samples that may exceed the limit; where it is not
-    zero, no failing sample joins a search. `show`: called with the work of each simulation, in
-    sub-steps of all loops. `populations`: those of the motions, with their tables, as built first.
+    zero, no failing sample joins a search. `show`: called with the work of each simulation: loops
+    times seconds times steps per sample. `populations`: the first population of each motion, which
+    later runs use again with other values.
     """
 
     family: Family
@@ -216,8 +217,8 @@ class Tunings:
     def costs(self, values: Floats, plants: Floats, aim: float) -> Floats:
         """Cost (T,) of tunings from chatter, failing samples and peak error.
 
-        The terms are the mean chatter, the share of failing samples, and their peak error beyond
-        the limit, or beyond a share `aim` of it.
+        The terms are the mean chatter, the share of failing samples, and the mean peak error
+        beyond the limit, or beyond the share `aim` of it if that is less.
         """
         settings = self.settings
         runs, shape = self.runs(values, plants, settings.search_steps)
@@ -246,12 +247,11 @@ class Tunings:
     def best(self, plants: Floats, seed: int, trials: list[Trial], beat: float = np.inf) -> Trial:
         """The tuning with the least chatter among those with few enough failures.
 
-        If no tuning has at most the allowed number of failing samples, it is the one with the
-        fewest.
+        If no tuning holds, the result is the tuning with the fewest failing samples.
 
-        The search begins with plants (P, L), and adds each check to `trials`: whoever interrupts
-        it has those. `beat` is the noise of the best tuning of another family: a tuning that still
-        fails and is noisier ends the search.
+        The search begins with plants (P, L) and adds each check to `trials`, which the caller keeps
+        after an interruption. `beat` is the noise of the best tuning of another family; a noisier
+        tuning that fails ends the search.
         """
         settings = self.settings
         population = self.initial()
@@ -283,7 +283,7 @@ class Tunings:
             )
             return best_of(population[: settings.checked_tunings])
 
-        # A family that is louder than one that holds, whatever its tuning, gets a check alone.
+        # If even the quietest initial tuning is much louder than `beat`, only a check follows.
         if np.isfinite(beat) and self._quietest(population, plants, hard[0]) > (
             settings.louder * beat
         ):
@@ -292,8 +292,8 @@ class Tunings:
         # 1. Search for a tuning that holds, with ever more to spare before rounding.
         for generations, aim in settings.rounds:
             best = search(generations, aim)
-            # A family under which most samples fail is given up, and one that fails and is louder
-            # too.
+            # Give up a family under which most samples fail, or which fails and is louder than
+            # `beat`.
             hopeless = best.left > settings.hopeless_share * len(self.plants)
             if best.holds or hopeless or best.noise > beat:
                 break

@@ -1,4 +1,4 @@
-"""Isolated reading of log files: a corrupt file can exhaust neither this process nor its memory.
+"""Isolated reading of log files: a corrupt file cannot crash this process or fill its memory.
 
 NPZ archives are read here, after a check of the declared sizes and without pickles. Third-party
 libraries read all other formats in a child process.
@@ -38,7 +38,7 @@ class ReadingLimits:
     seconds : float
         Run time of the child process [s], so that a failure takes less than 5 s in all.
     message_seconds : float
-        The same for files of messages, which Python decodes one by one [s].
+        The same for a file of messages [s]; Python decodes the messages one by one.
     memory : int
         Address space of the child, with its libraries and the copy that it sends [bytes].
     directory : int
@@ -46,7 +46,7 @@ class ReadingLimits:
     columns : int
         All columns together [bytes].
     messages : int
-        A file of messages [bytes]; only its wanted topics are read.
+        A whole file of messages [bytes], of which only the wanted topics are read.
     """
 
     seconds: float = 4.5
@@ -58,7 +58,7 @@ class ReadingLimits:
 
 
 LIMITS = ReadingLimits()
-# Optional; the kinds are named like the extras of this project.
+# Optional libraries of each kind; the extra that installs them has the name of the kind.
 _LIBRARIES = {
     "hdf5": ("h5py",),
     "parquet": ("pyarrow",),
@@ -80,10 +80,10 @@ def read_isolated(
 ) -> tuple[list[str], dict[str, NDArray[Any]]]:
     """Names and columns of a file, read by third-party libraries; refusals do not name the path.
 
-    The `kind` (mat, hdf5, parquet, lerobot, mcap or rosbag2) is a file of `plant.logs.formats`;
-    without `names` all columns that start with `prefix` are read. They must fit into `max_bytes`.
-    Options are those of that reader: ``episode`` of lerobot, ``clock`` of mcap and rosbag2;
-    ``numbers_only`` leaves out columns of anything but real numbers.
+    The `kind` (mat, hdf5, parquet, lerobot, mcap or rosbag2) names the reader, a module of
+    `plant.logs.formats`. Without `names` it reads all columns that start with `prefix`. The columns
+    that it reads must fit into `max_bytes`. Its options are ``episode`` for lerobot and ``clock``
+    for mcap and rosbag2; ``numbers_only`` leaves out columns of anything but real numbers.
     """
     # A missing library is reported here, where the message can name the extra that installs it.
     for library in _LIBRARIES.get(kind, ()):
@@ -103,7 +103,7 @@ def read_isolated(
     # The limit of CPU time has a resolution of whole seconds.
     order |= {"seconds": int(np.ceil(seconds)), "memory": LIMITS.memory, "bytes": max_bytes}
     try:
-        # -P: the folder of child.py holds files whose names other libraries import.
+        # -P keeps the folder of child.py off the path: libraries import modules of the same names.
         done = run(  # noqa: S603 - this interpreter and this package's own file
             [sys.executable, "-P", child.__file__, json.dumps(order)],
             stdin=DEVNULL,
@@ -130,7 +130,7 @@ def read_isolated(
         raise ValueError(
             f"must be a sound {kind} file; its reader ended with {end}. Write the file again."
         )
-    # The answer is one line of JSON, followed by the bytes of the columns in that order.
+    # The answer is one line of JSON, then the bytes of the columns in the order of that line.
     head = done.stdout[: done.stdout.index(b"\n")]
     available, read_names, shapes = json.loads(head)
     columns = dict[str, NDArray[Any]]()
@@ -151,13 +151,13 @@ def read_npz(
     numbers_only: bool = False,
 ) -> tuple[list[str], dict[str, NDArray[Any]]]:
     """Names and columns of an NPZ archive, as `read_isolated` gives them of other formats."""
-    # This comes before `zipfile` lists the directory, whose size the file itself declares.
+    # `zipfile` lists a directory of any size that the file declares, so check the size first.
     _require_small_directory(path)
     with zipfile.ZipFile(path) as archive:
         members = {info.filename.removesuffix(".npy"): info for info in archive.infolist()}
         chosen = choice_of(names, prefix)
         wanted = {name: info for name, info in members.items() if chosen(name)}
-        # numpy writes only these two methods.
+        # numpy stores or deflates a column; it uses no other method.
         for name, info in wanted.items():
             if info.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
                 got = f"column {name!r} has ZIP method {info.compress_type}"
@@ -206,7 +206,7 @@ def _array(archive: zipfile.ZipFile, name: str, info: zipfile.ZipInfo) -> NDArra
             )
         shape, fortran, dtype = _HEADERS[version](file)
         require_real(name, dtype, dtype.kind in "biuf")
-        body = file.read()  # at most file_size, and its checksum is compared
+        body = file.read()  # at most file_size bytes; `read` compares their checksum
     if len(body) != math.prod(shape) * dtype.itemsize:
         got = f"got {len(body)} bytes"
         raise ValueError(

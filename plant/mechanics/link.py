@@ -11,7 +11,7 @@ from plant.parts.fields import Floats, Vector
 from plant.parts.messages import SLIDES, TURNS, JointUnits
 from plant.parts.part import Part, number, part, structure
 
-# No arm has a longer link [m]; lengths given in mm exceed it.
+# Length that no link of an arm exceeds [m]; a longer one was probably given in mm.
 _LONGEST = 50.0
 
 
@@ -19,9 +19,9 @@ _LONGEST = 50.0
 class Link(Part):
     """One joint and its link: a row of the *modified* Denavit-Hartenberg table.
 
-    The frame is ``before`` RotX(alpha) TransX(a) RotZ(theta + q) TransZ(d), or with d + q for a
-    prismatic joint; the joint turns about, or slides along, its z axis. `Chain.standard` reads rows
-    of the standard table.
+    The frame is ``before`` RotX(alpha) TransX(a) RotZ(theta + q) TransZ(d); for a prismatic joint,
+    it ends with RotZ(theta) TransZ(d + q). The joint turns about, or slides along, its z axis.
+    `Chain.standard` reads rows of the standard table.
 
     Parameters
     ----------
@@ -33,7 +33,7 @@ class Link(Part):
     a : float
         Length a_{i-1} along x_{i-1} [m].
     d : float
-        Offset d_i along z_i [m]; of a prismatic joint, where q = 0.
+        Offset d_i along z_i [m]; for a prismatic joint, the offset where q = 0.
     theta : float
         Joint angle where q = 0, or the fixed angle of a prismatic joint [rad].
     prismatic : bool
@@ -96,14 +96,16 @@ class Link(Part):
         # A revolute joint turns about z by q, a prismatic one slides along z by q.
         angle = self.theta if self.prismatic else q + self.theta
         offset = self.d + q if self.prismatic else self.d
-        # Fixed angles become plain numbers, exact at right angles: zeros then leave the equations.
+        # Sines and cosines of fixed angles are plain numbers, exact at right angles, so that terms
+        # with a factor of zero vanish from the equations.
         ca_, sa = (float(exact(f(self.alpha))) for f in (np.cos, np.sin))
         if self.prismatic:
             c, s = (float(exact(f(angle))) for f in (np.cos, np.sin))
         else:
             c = ca.cos(angle)
             s = ca.sin(angle)
-        # RotX(alpha) RotZ(theta); the position is TransX(a), then d along the twisted z axis.
+        # The rotation is RotX(alpha) RotZ(angle); the position is a along x, then the offset along
+        # the twisted z axis.
         rotation = ca.vertcat(
             ca.horzcat(c, -s, 0), ca.horzcat(s * ca_, c * ca_, -sa), ca.horzcat(s * sa, c * sa, ca_)
         )
@@ -115,22 +117,24 @@ class Link(Part):
         return turned @ rotation, ca.DM(self.before.position) + turned @ position
 
 
-# Sine of the angle below which two axes are nearly parallel: their common normal, which places the
-# frames of the table, then lies anywhere. Calibrations differ by some 1e-3 rad from parallel axes.
+# Two axes are nearly parallel if the sine of the angle between them is below this. Their common
+# normal, which places the frames of the table, may then lie far away. The parallel axes of an arm
+# deviate by some 1e-3 rad after calibration.
 _PARALLEL = 0.05
 
 
 def near_each_other(links: tuple[Link, ...]) -> tuple[Link, ...]:
     """The same links, with frames that lie near each other on their axes.
 
-    Rows of a calibrated arm may run hundreds of metres along one of two nearly parallel axes and
-    back along the other: their common normal is there. The frame of a link may lie anywhere on its
-    axis, so it is moved to the place that is nearest to the frame before.
+    The common normal of two nearly parallel axes may lie hundreds of metres away. The rows of a
+    calibrated arm then lead there along one axis and back along the other. The frame of a link may
+    lie anywhere on its axis, so a far frame is moved to the point nearest to the previous frame.
 
     Raises
     ------
     ValueError
-        An offset that is too long, and not for this reason.
+        An offset exceeds 50 m, and its axis is not nearly parallel to a neighbour's; or a frame
+        is still more than 50 m from the previous one.
     """
     if all(abs(link.d) <= _LONGEST for link in links):
         return links
@@ -143,7 +147,7 @@ def near_each_other(links: tuple[Link, ...]) -> tuple[Link, ...]:
         pose = back @ link.before @ Placement.of_row(alpha=link.alpha, a=link.a, d=link.d)
         shift = 0.0
         if abs(link.d) > _LONGEST and max(twist, twist_behind) > limit:
-            # From here to the foot of the perpendicular from the frame before.
+            # Move the frame to the point of its axis that is nearest to the previous frame.
             shift = -float(np.array(pose.rotation)[:, 2] @ pose.position)
             pose = pose @ Placement(position=(0.0, 0.0, shift))
         if abs(link.d) > _LONGEST and (not shift or np.abs(pose.position).max() > _LONGEST):
@@ -167,7 +171,7 @@ def _axis_of(link: Link) -> Floats:
 
 @part
 class Limits(Part):
-    """Limits of a chain's joints, joint side; infinite where there is none.
+    """Limits of the joints of a chain, not of its motors; infinite where a joint has no limit.
 
     Parameters
     ----------

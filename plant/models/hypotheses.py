@@ -1,4 +1,4 @@
-"""Links of a URDF file: inertials without each mistake that files have; shapes, other sides."""
+"""Links of a URDF file: inertials without common mistakes, shapes, links on the other side."""
 
 import itertools
 import re
@@ -32,7 +32,7 @@ class Inertial:
         return np.trace(in_link) / 2 * np.eye(3) - in_link
 
     def density(self) -> float:
-        """Least density [kg/m^3] of the densest part, that of a ball.
+        """Least density [kg/m^3] that the body's densest part can have: that of a uniform ball.
 
         Of all bodies that are nowhere denser than rho, the ball has the least second moments.
         """
@@ -46,7 +46,7 @@ class Inertial:
         return float(abs(np.trace(self.inertia))) + steiner
 
     def excess(self) -> float:
-        """Share by which the largest moment exceeds the sum of the others; infinite if negative."""
+        """Share of the largest moment beyond the others' sum; infinite if one is not positive."""
         moments = np.linalg.eigvalsh(self.inertia)
         if not moments[0] > 0:
             return np.inf
@@ -62,7 +62,7 @@ class Inertial:
         return bool(abs(power - np.round(power)) < 1e-9)
 
     def physical(self) -> bool:
-        """Whether a body can have it: positive mass and no negative second moment."""
+        """Whether a body can have this inertial: mass > 0, second moments >= 0 and not all 0."""
         # Files round their numbers, so flat bodies have slightly negative moments.
         widths = np.linalg.eigvalsh(self.spread)
         return bool(
@@ -88,7 +88,8 @@ _UNITS = (
 
 DECIMAL_POINT = "a decimal point of a moment of inertia in the wrong place"
 
-# The inertia was about the centre of mass already, so that it became too small, or negative.
+# The term was taken off an inertia that was about the centre of mass already, which made that
+# inertia too small, or negative.
 PARALLEL_AXIS = "the parallel-axis term taken off twice"
 
 _PRODUCTS = ((0, 1), (0, 2), (1, 2))  # places of the products of inertia in the matrix
@@ -211,8 +212,8 @@ class Shape:
         """Whether mass within the box can have this centre and these second moments about it.
 
         The moments are per unit mass. The variance of any mass between a and b is at most
-        (b - mean)(mean - a) (R. Bhatia, C. Davis, 2000). The box is taken larger by a share `slack`
-        of its edges, since shapes in files are approximate.
+        (b - mean)(mean - a) (R. Bhatia, C. Davis, 2000). Each side is moved outwards by the share
+        `slack` of the box's edge, since shapes in files are approximate.
         """
         # Distances of the centre from the sides of the larger box.
         wider = slack * (self.corners[1] - self.corners[0])
@@ -226,7 +227,7 @@ class Shape:
 def shape_of(link: Element) -> Shape | None:
     """The primitives of a link's collision geometry, else of its visual one, as one uniform body.
 
-    None where a geometry has other parts, such as meshes.
+    None unless all parts of one of the two are primitives with a volume.
     """
     for tag in ("collision", "visual"):
         elements = link.all(tag)
@@ -292,7 +293,8 @@ def _primitive(element):
         return None
     rotation = np.array(pose.rotation)
     centre = np.array(pose.position)
-    # The box around a turned box; around a turned cylinder it is somewhat larger than need be.
+    # Half edges of the box around the turned shape: exact for a box, but larger than need be for a
+    # turned cylinder or sphere.
     reach = np.abs(rotation) @ half
     corners = np.array([centre - reach, centre + reach])
     return Shape(volume, centre, rotation @ spread @ rotation.T, corners)
@@ -312,7 +314,7 @@ def joint_positions(robot: Element) -> dict[str, Floats]:
 
 
 def ways(robot: Element) -> dict[str, float]:
-    """Sum of the distances of the joints from the base to each link, by its name [m]."""
+    """Sum of the joints' offsets on the way from the base to each link [m], by the link's name."""
     parents: dict[str, tuple[str, float]] = {}
     for joint in robot.all("joint"):
         ends = [joint.find(tag) for tag in ("parent", "child")]
@@ -359,7 +361,8 @@ def mirrors(
     shape, partner = shapes
     motions: list[Floats] = []
     for motion in _MOTIONS:
-        # The signs of all axes come first, in one order after the other.
+        # The motions that exchange no axes come first. Of the others, only the first that fits is
+        # kept.
         if len(motions) and not np.array_equal(np.abs(motion), np.eye(3)):
             break
         # Positions agree within 0.1 mm, second moments within a thousandth.

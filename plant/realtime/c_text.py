@@ -1,7 +1,7 @@
 """Common parts of the exports to C: target, files from templates (`plant/realtime/c`), and output.
 
-C libraries of processors round sines and exponentials differently. With those of
-``c/elementary.c`` in their place, double precision gives the host's bits on every processor.
+The C libraries of processors round sines and exponentials differently. On a microcontroller the
+functions of ``c/elementary.c`` replace them, so double precision gives the host's bits.
 """
 
 import re
@@ -80,7 +80,7 @@ class Target(NamedTuple):
 
     @property
     def files(self) -> dict[str, str]:
-        """Templates of the files beside the controller's own."""
+        """Templates of the files that the target adds to an export or replaces in it."""
         if self.name is None:
             return {}
         # A controller for the host needs no start-up code.
@@ -96,8 +96,8 @@ class Target(NamedTuple):
             "precision": f"Numbers: {words} precision{target}.",
             **_PROCESSORS.get(self.name or "", {}),
         }
-        # A clock in single precision resolves no microseconds after half a minute, so there is
-        # none.
+        # In single precision a clock resolves no microseconds after half a minute, so the
+        # controller takes no clock.
         if self.single:
             return values | {"clock": "", "at": "NAN", "passed": "", "never": ""}
         return values | {"clock": ", double now", "at": "now", "passed": ", now", "never": "NAN, "}
@@ -135,7 +135,7 @@ def _with_elementary(text: str) -> str:
 
 
 def _in_single(text: str) -> str:
-    """Every number and function of C99 in single precision."""
+    """C in single precision: its type, its decimal constants and the functions of `_LIBRARY`."""
     text = re.sub(r"\bdouble\b", "float", text)
     text = re.sub(rf"\b({_LIBRARY})\(", r"\1f(", text)
     # A constant without f would make its whole expression double, which processors without double
@@ -148,7 +148,7 @@ _TEMPLATES = Path(__file__).with_name("c")
 # `Law.to_c` and `Running.to_c` fill the same two templates with different values.
 CONTROLLER = {".h": _TEMPLATES / "controller.h", ".c": _TEMPLATES / "controller.c"}
 
-# Without contraction of a product and a sum, which would round otherwise than the host.
+# -ffp-contract=off: a fused product and sum would round differently than on the host.
 _FLAGS = "-std=c99 -O2 -Wall -Wextra -pedantic -ffp-contract=off"
 
 
@@ -176,11 +176,11 @@ def write_templates(
     values: Mapping[str, Any],
     target: Target = HOST,
 ) -> None:
-    """Write files of an export, each from its template: all or none."""
+    """Write files of an export, each from its template, after all texts are filled."""
     values = {"name": name, "NAME": name.upper(), "flags": _FLAGS, **values}
     place = _free_folder(folder, templates, name)
-    # All texts are complete before the first file is written, so an error leaves no half of an
-    # export.
+    # All texts are filled before the first file is written, so an error in a template leaves no
+    # partial export.
     texts = {}
     for file, of in templates.items():
         template = Template(of.read_text("ascii"))
@@ -230,7 +230,7 @@ def _free_folder(destination: str | Path, files: Iterable[str], name: str) -> Pa
         raise ValueError(
             f"folder must be a path; got {destination!r:.60}. Give the name of a folder."
         ) from None
-    # Said here: `mkdir` would fail later, after the templates are filled.
+    # Without this check `mkdir` would fail later, after the templates are filled.
     if folder.exists() and not folder.is_dir():
         raise ValueError(f"folder must be a folder; {folder} is a file. Name another.")
     for file in files:
@@ -338,7 +338,7 @@ class Output(NamedTuple):
         return "" if self.scale is None else constant("counts_per_ampere", self.scale, meaning)
 
     def converted(self, factor: ca.SX, rig: Rig, torque: ca.SX) -> ca.SX:
-        """The output (n, 1) for a limited joint torque: of a converter its whole counts."""
+        """A limited joint torque as output (n, 1): whole counts for a converter, else itself."""
         if self.scale is None:
             return torque
         nearest = ca.floor(factor * rig.drive.current(torque) + 0.5)
@@ -346,7 +346,7 @@ class Output(NamedTuple):
 
 
 def sides(without: Collection[str]) -> str:
-    """Sentences of the header on omitted parts of the model, on sides, and on the compilation."""
+    """Sentences of the header: omitted parts of the model, motor or joint side, and compilation."""
     text = (
         "Counts are those of the motors' encoders, with their sign; reference and torque are joint"
         " side, SI units. Compile without -ffast-math, which would leave NaN unseen."

@@ -32,16 +32,17 @@ FAR = 1e6  # norm of all positions [rad] and velocities [rad/s] above which the 
 class ClosedLoop(Layout):
     """Symbolic closed loop of an arm with a rig under a law.
 
-    `law_step`, `sample` and `substep` are Functions of (state, time, numbers), `sample` also of
-    (data). They give (following), (following, log), (following, log). `Layout` names the fields of
-    these vectors.
+    `law_step`, `sample` and `substep` are Functions of (state, time, numbers); `sample` also takes
+    (data). `law_step` gives (following), the other two give (following, log). `Layout` names the
+    fields of these vectors.
 
-    `smooth`: encoder as identity and friction regularised, for derivatives. `injected`: a known
-    torque, a time input, acts beside the law's, which does not know of it. The `score` is a casadi
-    Function (log, or its beginning, data, memory) -> number, memory; the number is summed over the
-    samples in the state ``score``. `data` is measured, one row per sample; `memory` is state of the
-    score, zero at the start. A `correction` is of the simulated positions by counted ones (n,)
-    [pulses]; these, and behind them a weight (1 or 0), are `data`.
+    `smooth` replaces the encoder by the identity and regularises friction, for derivatives.
+    `injected` adds a known torque, one of the time inputs, to the law's; the law does not know it.
+    The `score` is a casadi Function from (log, data, memory) to (number, memory); it may take the
+    beginning of the log alone. The state ``score`` sums the numbers of the samples. `data` is
+    measured, one row per sample; `memory` is the state of the score, zero at the start. A
+    `correction` corrects the simulated motion by counted positions; `data` is then these positions
+    (n,) [pulses], followed by a weight (1 or 0).
     """
 
     @cached_property
@@ -64,8 +65,9 @@ class ClosedLoop(Layout):
     def sample(self) -> ca.Function:
         """The log at a sample (`log_fields`), and the state that the score and a correction leave.
 
-        With a correction the log's error is the innovation instead, counted minus predicted
-        position. Divergence is detected here; a number that is not finite stays so.
+        With a correction, the log's error is the innovation: counted minus predicted position.
+        Only this Function checks whether the motion has diverged; that suffices, since a position
+        or speed that is not finite remains so.
         """
         state = self._state
         rig = self._symbolic_rig
@@ -81,7 +83,8 @@ class ClosedLoop(Layout):
             ok = _if(finite, ok)
         if rig.inner is not None:
             torque = state.made
-        # The log has the torque that acts, hence with the injected part.
+        # The log has this torque with the injected part, but before the current lag and the ripple,
+        # and, without an inner loop, before the transport.
         torque = self._with_injected(torque)
         ok = _if(bounded(ca.vertsplit(ca.vertcat(state.q, state.qd))), ok)
 
@@ -120,18 +123,18 @@ class ClosedLoop(Layout):
 
     @cached_property
     def substep(self) -> ca.Function:
-        """One midpoint step of length h; its log is the motors' true error [pulses] there."""
+        """A midpoint step of length h; it logs the motors' true error [pulses] at the midpoint."""
         state = self._state
         rig = self._symbolic_rig
         drive = rig.drive
         h = self._time.h
         middle = state.q + h / 2 * state.qd
-        # Encoders, friction and springs are evaluated in the middle of the step.
+        # A law without a period, friction and springs are evaluated in the middle of the step.
         link_middle = state.link + h / 2 * state.link_speed if self.elastic else middle
         following = state
 
-        # 1. The torque: the law's, late by the transport, or that of the inner loop below it; and
-        # what the drive makes of it.
+        # 1. The torque of the law, delayed by the transport, or that of the inner loop below the
+        # law; then the effects of the drive on this torque.
         if not self.steps_per_law:
             at_law = link_middle if rig.encoder.side == "link" else middle
             following, _ = self._with_law(at_law, h)
@@ -142,8 +145,8 @@ class ClosedLoop(Layout):
             following = self._with_inner(state)
             torque = following.made
         torque = self._with_injected(torque)
-        # Behind the amplifier's limit, currents follow their command late, and the torque ripple of
-        # the motors adds to it.
+        # After the amplifier's limit, the currents lag behind their command, and the motors add
+        # their torque ripple.
         if drive.current_lag is not None:
             torque, driven = lagging(torque, state.driven, drive.current_lag, h)
             following = following._replace(driven=driven)
@@ -211,13 +214,13 @@ class ClosedLoop(Layout):
         following = following._replace(law=law, torque=rig.limited(command))
         if rig.inner is not None:
             sent = self._block.sent(*setpoint[:3], pulses, command, numbers)
-            # The first frame finds the arm on its way under one like it.
+            # Before the first frame, the inner loop is taken to have run under an equal frame.
             before = ca.if_else(state.sending, state.sent, sent)
             following = following._replace(sent=sent, sent_before=before, sending=1)
         return following, finite
 
     def _with_inner(self, state):
-        """The state after a sub-step's begin of the inner loop, with the torque that it makes."""
+        """The state after a run of the inner loop at a sub-step's beginning, with its torque."""
         rig = self._symbolic_rig
         inner = rig.inner
         sent = state.sent
@@ -289,5 +292,5 @@ def bounded(state: Any) -> Any:
 
 
 def _if(condition, value):
-    """The value where the condition holds, otherwise 0; a NaN in the condition counts as false."""
+    """The value where the condition holds, otherwise 0; a comparison with a NaN does not hold."""
     return ca.if_else(condition, value, 0)
