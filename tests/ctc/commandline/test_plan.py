@@ -7,6 +7,7 @@ import pytest
 
 from ctc import Fleet
 from ctc.commandline.main import main
+from ctc.commandline.plan import _arguments
 from identification import Identification
 from plant import puma560, read_robot, simulate
 
@@ -120,6 +121,14 @@ def test_a_plan_from_end_to_end(place, capsys):
     (place / "left_0.csv").unlink()
     assert (code, out.splitlines()[0]) == (1, "3 logs done, 0 with a negative verdict, 1 failed")
     assert (place / "study" / "left" / "left_1" / "found.json").stat().st_mtime_ns == before
+
+
+@pytest.mark.parametrize("certified", [False, True])
+def test_a_report_has_the_certificate_if_the_plan_makes_one(certified, tmp_path):
+    steps = ["check", "identify", *(["certify"] if certified else []), "report"]
+    arguments = _arguments("report", {"do": steps}, "arm.toml", "log.csv", tmp_path)
+    assert ("--certificate" in arguments) == certified
+    assert (str(tmp_path / "certificate.json") in arguments) == certified
 
 
 @pytest.mark.parametrize(

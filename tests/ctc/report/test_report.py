@@ -100,6 +100,13 @@ def test_it_says_what_was_found(page, found):
         assert float(cells[3]) == pytest.approx(std, rel=0.06)
         assert float(cells[4]) < value < float(cells[5])
     assert found.provenance()["records"][0] in text
+    record = found.records[0]
+    seconds = f"{record.t[-1] - record.t[0]:.3g}"
+    log = re.search(
+        r"<h2>Logs</h2>.*?<tbody>(.*?)</tbody>|<h2>Logs</h2>.*?</tr>(.*?)</tr>", text, re.S
+    )
+    cells = re.findall(r"<td[^>]*>([^<]*)</td>", log[1] or log[2])
+    assert cells[-3:] == [f"{len(record)}", seconds, f"{1e3 * record.rig.period:g}"]
     assert "of 20 Monte Carlo samples" in text
     assert "Not sampled, and so not covered" in text
     assert re.search(r"<td>drive\.gear\[1\]</td><td[^>]*>-53\.7</td>", text)  # what was stated
