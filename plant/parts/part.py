@@ -13,6 +13,7 @@ import numbers
 from collections.abc import Iterator, Mapping
 from typing import Any, ClassVar, Self, TypeVar, dataclass_transform
 
+import casadi as ca
 import numpy as np
 
 from plant.parts.arguments import array, instance, known_options, real
@@ -205,8 +206,15 @@ class Part(Saved):
 
     def with_numbers(self, vector: ArrayOrSymbols) -> Self:
         """Copy with its numbers from `vector` (k,): floats, or casadi symbols for equations."""
-        # The position is a list of one number: parts within parts advance the same counter.
-        symbolic = not isinstance(vector, np.ndarray)
+        k = len(self.number_names())
+        advice = "Give one for each of number_names()."
+        symbolic = isinstance(vector, (ca.SX, ca.MX, ca.DM))
+        if not symbolic:
+            # The fields know which of them may be infinite.
+            vector = array("vector", vector, (k,), advice=advice, finite=False)
+        elif vector.numel() != k:
+            raise ValueError(f"vector must have {k} symbols; got {vector.numel()}. {advice}")
+        # The position is a list, so that parts within parts advance the same counter.
         return self._filled(vector, [0], symbolic)
 
     def filled(self, values: Mapping[str, float], prefix: str = "") -> Self:

@@ -181,6 +181,24 @@ def test_numbers_there_and_back(example):
         np.testing.assert_array_equal(example.with_numbers(changed).number_values(), changed)
 
 
+@pytest.mark.parametrize("length", [0, 1, 3])
+def test_a_vector_of_another_length_is_refused(length):
+    law = P(gain=(1.0, 2.0))
+    with pytest.raises(
+        ValueError, match=rf"vector must have shape \(2,\); got shape \({length},\)"
+    ):
+        law.with_numbers(np.ones(length))
+    with pytest.raises(ValueError, match=f"vector must have 2 symbols; got {length}"):
+        law.with_numbers(ca.SX.sym("x", length))
+
+
+def test_a_list_of_numbers_is_checked_like_an_array():
+    law = P(gain=(1.0, 2.0))
+    assert law.with_numbers([3.0, 4.0]) == P(gain=(3.0, 4.0))
+    with pytest.raises(ValueError, match="gain of P must be finite; got nan"):
+        law.with_numbers([np.nan, 1.0])
+
+
 def test_numbers_of_a_nested_part_there_and_back():
     example = nested()
     assert example.with_numbers(example.number_values()) == example
