@@ -275,8 +275,8 @@ class Part(Saved):
 
     @functools.cached_property
     def _hash(self) -> int:
-        # Equality compares descriptions, so equal parts have equal hashes.
-        return hash(json.dumps(self._description))
+        # An object of the user may change: JSON refuses it, so that its part has no hash.
+        return hash(json.dumps(_alike(self._description), sort_keys=True))
 
 
 def _amount(shape: tuple[int | str, ...]) -> str:
@@ -293,6 +293,15 @@ def _plain(value: Any) -> Any:
     if isinstance(value, (tuple, list)):
         return [_plain(v) for v in value]
     return value
+
+
+def _alike(value: Any) -> Any:
+    """Plain data in which equal numbers have the same text: 0.0 and -0.0, or 1 and 1.0."""
+    if isinstance(value, dict):
+        return {key: _alike(item) for key, item in value.items()}
+    if isinstance(value, (tuple, list)):
+        return [_alike(item) for item in value]
+    return hash(value) if isinstance(value, numbers.Real) else value
 
 
 @dataclass_transform(

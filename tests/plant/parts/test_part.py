@@ -242,6 +242,17 @@ def test_parts_with_other_numbers_or_structure_differ():
     assert len({P(gain=(1.0,)), P(gain=(1.0,)), P(gain=(2.0,))}) == 2
 
 
+def test_equal_parts_have_equal_hashes():
+    assert P(gain=(0.0,)) == P(gain=(-0.0,))
+    assert hash(P(gain=(0.0,))) == hash(P(gain=(-0.0,)))
+    for modes in ((1, 1.0), ({"a": 1, "b": 2}, {"b": 2, "a": 1})):
+        one, other = (dataclasses.replace(nested(), mode=mode) for mode in modes)
+        assert one == other
+        assert hash(one) == hash(other)
+    with pytest.raises(TypeError):
+        hash(dataclasses.replace(nested(), mode=object()))
+
+
 def test_parts_are_frozen_and_do_not_keep_the_caller_s_array():
     gain = np.array([1.0, 2.0])
     law = P(gain=gain)
