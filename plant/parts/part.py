@@ -68,6 +68,11 @@ def number(
     >>> Constant(level=(1.0, 2.0)).level
     array([1., 2.])
     """
+    # The names of numbers have one index.
+    if len(shape) > 1:
+        raise ValueError(
+            f"shape must be () or one length; got {shape!r:.60}. Declare a matrix as structure."
+        )
     return dataclasses.field(
         default=default, metadata={"number": shape, "finite": finite, "alike": alike}
     )
@@ -82,9 +87,9 @@ def structure(
 ) -> Any:
     """Declare a field that is structure: it decides the equations, so it cannot be unknown.
 
-    With a `kind` (a type; float for one finite number) anything else is refused, but None where
-    that is the default. Of `several` parts, a tuple, the numbers count too:
-    ``springs[0].stiffness[1]``.
+    With a `kind` (a type; float for one finite number) any other value is refused, but None
+    passes if it is the default. A field of `several` parts holds a tuple, and the numbers of these
+    parts count too: ``springs[0].stiffness[1]``.
 
     See Also
     --------
@@ -282,7 +287,9 @@ class Part(Saved):
 def _amount(shape: tuple[int | str, ...]) -> str:
     if not shape:
         return "one number"
-    return "one number per joint" if isinstance(shape[0], str) else f"{shape[0]} numbers"
+    if shape[0] == "n":
+        return "one number per joint"
+    return "a row of numbers" if isinstance(shape[0], str) else f"{shape[0]} numbers"
 
 
 def _plain(value: Any) -> Any:
@@ -339,17 +346,24 @@ def part(cls: type[T]) -> type[T]:
     def __post_init__(self: Any) -> None:
         for field in dataclasses.fields(self):
             kind = field.metadata.get("kind")
+            value = getattr(self, field.name)
             name = f"{field.name} of {cls.__name__}"
+            # None passes if it is the default: the field was left out.
+            if kind is None or (value is None and field.default is None):
+                continue
             if kind is float:
-                object.__setattr__(
-                    self, field.name, real(name, getattr(self, field.name), "Give it in SI units.")
-                )
-            # None passes where it is the default, which means left out.
-            elif kind is not None and not (
-                field.default is None and getattr(self, field.name) is None
-            ):
-                instance(name, getattr(self, field.name), kind, f"Give one {kind.__name__}.")
+                object.__setattr__(self, field.name, real(name, value, "Give it in SI units."))
+            else:
+                instance(name, value, kind, f"Give one {kind.__name__}.")
         complete(self)
+        # The class's own checks come first: they know which parts the field takes.
+        for field in dataclasses.fields(self):
+            value = getattr(self, field.name)
+            if field.metadata.get("several") and isinstance(value, (tuple, list)):
+                for item in value:
+                    instance(f"{field.name} of {cls.__name__}", item, Part, "Give parts alone.")
+                # Only the numbers of a tuple count.
+                object.__setattr__(self, field.name, tuple(value))
 
     cls.__post_init__ = __post_init__  # type: ignore[method-assign]  # wrapped
     cls = dataclasses.dataclass(frozen=True, kw_only=True, eq=False)(cls)
@@ -359,7 +373,7 @@ def part(cls: type[T]) -> type[T]:
         - {field.name for field in dataclasses.fields(cls)}
     )
     if lacking:
-        base = next(b.__name__ for b in cls.__mro__[1:] if lacking[0] in vars(b))
+        base = next(b.__name__ for b in cls.__mro__ if lacking[0] in vars(b))
         absent = ", ".join(lacking)
         raise ValueError(
             f"{cls.__name__} must give all that {base} declares; it lacks {absent}. Define it."
