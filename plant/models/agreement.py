@@ -295,7 +295,6 @@ def proof_of(link: CheckedLink, links: Links) -> str:
         # Below this, numbers of few digits are rounded.
         if excess > SETTINGS.rounding:
             return f"an inertia that misses the triangle inequality by {100 * excess:.2g} %"
-        return ""
     if stated.density() > HEAVIEST:
         return "denser than any matter"
     if impossible(stated, link, links, alone=True):
@@ -311,7 +310,7 @@ def proof_of(link: CheckedLink, links: Links) -> str:
 
 def zero(inertial: Inertial) -> bool:
     """Whether an inertia is zero; programs write dust of 1e-20 for it."""
-    return bool(np.abs(inertial.inertia).max() < SETTINGS.dust**2 * abs(inertial.mass))
+    return bool(np.abs(inertial.inertia).max() <= SETTINGS.dust**2 * abs(inertial.mass))
 
 
 def _slack(link: CheckedLink, links: Links) -> float:
@@ -331,16 +330,17 @@ def cost_of(inertial: Inertial, link: CheckedLink, links: Links) -> float:
         cost = _cost_of_shape(inertial, link.shape)
     else:
         cost = _cost_of_joints(inertial, link, links)
-    if link.partners:
-        distances = [
-            distance(inertial, mirrored(partner, plane))
-            for partner, plane in link.partners
-            if partner.mass > 0
-        ]
+    # A partner without a mass is no evidence.
+    distances = [
+        distance(inertial, mirrored(partner, plane))
+        for partner, plane in link.partners
+        if partner.mass > 0
+    ]
+    if distances:
         # The two sides may differ by design, so this evidence has half of the cap.
-        cost += min([SETTINGS.cap / 2, *(SETTINGS.apart * value for value in distances)])
+        cost += min(SETTINGS.cap / 2, SETTINGS.apart * min(distances))
         # Exactly the same numbers do not come about by chance.
-        if distances and min(distances) < SETTINGS.same:
+        if min(distances) < SETTINGS.same:
             cost -= SETTINGS.coincidence
     return cost
 
