@@ -130,6 +130,11 @@ def chain_of(table: dict[str, Any], folder: Path) -> Chain:
     if sources != ["links"]:
         chain = _chain_of_file(table, sources[0], folder)
     else:
+        if "joints" in table:
+            raise ValueError(
+                "[arm] must not have 'joints' beside 'links', which are all of its joints. Remove"
+                " one."
+            )
         convention = table.get("table", "modified")
         if choice("table of [arm]", convention, ("modified", "standard")) == "modified":
             # 2. Modified Denavit-Hartenberg rows are the fields of a chain.
@@ -139,7 +144,8 @@ def chain_of(table: dict[str, Any], folder: Path) -> Chain:
             return modified
 
         # 3. Standard rows are converted, with the bodies in their frames.
-        bodies = [part_of(body, "plant.Body", "arm.bodies") for body in table.get("bodies", ())]
+        rows = instance("bodies of [arm]", table.get("bodies", []), list, "Write [[arm.bodies]].")
+        bodies = [part_of(row, "plant.Body", "arm.bodies") for row in rows]
         # Fields that the conversion does not take are set afterwards.
         chain = Chain.standard(table["links"], bodies=tuple(bodies))
         if "limits" in table:
