@@ -35,7 +35,7 @@ class Declared:
 
 
 def declared(meaning: str) -> Any:
-    """Declare an attribute that a subclass must define, as an abstract method does a method."""
+    """Declare an attribute that a subclass must define, like an abstract method."""
     return Declared(meaning)
 
 
@@ -48,9 +48,10 @@ def number(
 ) -> Any:
     """Declare a field of numbers: `shape` is () for one number or ("n",) for one per joint.
 
-    Any name stands for a length. With `default` None the field may be left out; then it is none
-    of the part's numbers, and of no equation. One number stands for all joints where another
-    field says how many there are; if `alike`, it stays one until a part around it does.
+    Any name in `shape` stands for a length, which is the same in all fields of the part. A field
+    with `default` None may be left out; it then adds no number to the part. One number given for
+    ("n",) is repeated for each joint if another field of the part tells how many joints there are;
+    if `alike`, it stays one number.
 
     See Also
     --------
@@ -149,8 +150,7 @@ class Part(Saved):
             # The first field with a named length fixes that length for all others.
             expected = tuple(lengths.get(s, s) for s in shape)
             if shape == ("n",) and isinstance(value, numbers.Real) and not isinstance(value, bool):
-                # A number for all joints alike waits for a surrounding part that knows their
-                # number.
+                # A number that is alike for all joints stays single, even if their number is known.
                 if field.metadata["alike"]:
                     expected = ()
                 elif "n" in lengths:
@@ -184,7 +184,7 @@ class Part(Saved):
                     yield from item._leaves(f"{prefix}{field.name}[{i}].")
 
     def require_joints(self, n: int, prefix: str = "") -> None:
-        """Refuse this part if one of its numbers per joint is for another number of joints."""
+        """Refuse this part if an array with one number per joint does not have `n` numbers."""
         for name, _, field, value in self._leaves(prefix):
             # A number for all joints alike fits any.
             if field.metadata["number"] == ("n",) and np.ndim(value) and len(value) != n:
@@ -223,7 +223,7 @@ class Part(Saved):
         return self._filled(vector, [0], symbolic)
 
     def filled(self, values: Mapping[str, float], prefix: str = "") -> Self:
-        """Copy with some of its numbers replaced: name, as in `number_names(prefix)` -> float."""
+        """Copy with the numbers in `values`, which has names as in `number_names(prefix)`."""
         # Names of other numbers in the mapping are ignored: it may serve several parts.
         changed = [values.get(name, value) for name, value in self.numbers(prefix).items()]
         return self.with_numbers(np.array(changed))
@@ -318,7 +318,9 @@ def _alike(value: Any) -> Any:
     field_specifiers=(number, structure),
 )
 def part(cls: type[T]) -> type[T]:
-    """Class decorator: a frozen, keyword-only dataclass with checked options, saved and loaded.
+    """Class decorator: make a frozen, keyword-only dataclass that checks its options.
+
+    Files may name the class from then on.
 
     Raises
     ------
