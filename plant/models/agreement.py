@@ -35,15 +35,15 @@ class AgreementSettings:
     lightest : float
         Density [kg/m^3] below which nothing is a link.
     slack : float
-        Share by which a link may be larger than its shape in the file.
+        A link may be ``1 + 2 * slack`` times as large as its shape in the file.
     slack_of_proof : float
-        The same for a proof beside a repair: shapes for collisions leave parts out.
+        The same for a proof beside a repair, since shapes for collisions leave parts out.
     slack_alone : float
-        The same for a proof without a repair: nine times the shape, since the balls under a foot
-        are its shape in some files.
+        The same for a proof without a repair: nine times, since some files give the balls under
+        a foot as the shape of the foot.
     thinnest : float
-        Share of its shape's second moments below which a link is thinner than its shape, in a
-        repair: motors in a shell have a third.
+        Least share of its shape's second moments (their trace) that a link may have after a
+        repair; motors in a shell have a third.
     smallest : float
         Radius of gyration [m] that any link may have.
     farthest : float
@@ -61,19 +61,18 @@ class AgreementSettings:
     apart : float
         Cost of a relative difference of 1 from the link on the other side.
     usual : float
-        Cost that an inertial without any mistake may have, if the other links of the file have no
-        higher ones: a repair is no worse.
+        Limit for the cost of a repair; the costs of the links without a proof may raise it.
     unusual : float
-        Cost that a repair never has: files whose shapes are dummies have high ones everywhere.
+        Largest value of that limit: dummy shapes give every link of a file a high cost.
     rounding : float
         Share by which moments may miss the triangle inequality without a finding.
     dust : float
         Radius of gyration [m] below which the inertia is zero.
     signs : int
-        Links with negative moments from which on turned signs explain them by more than chance:
+        Least number of links with negative moments that turned signs explain by more than chance:
         3^-4 are odds of e^-4.4.
     cap : float
-        Largest cost of one piece of evidence.
+        Largest value of one piece of evidence, before its weight in the cost.
     """
 
     density: float = 1500.0
@@ -104,7 +103,11 @@ SETTINGS = AgreementSettings()
 
 @dataclass
 class CheckedLink:
-    """A link with its inertial in the file (or None), its shape, joints and partners."""
+    """A link: its inertial in the file (or None), its shape, its joints and its partners.
+
+    `joints` (k, 3) are the positions of the joints that it carries, from its own joint. A partner
+    is the inertial of the link on the other side, with the reflection or rotation onto this link.
+    """
 
     name: str
     stated: Inertial | None
@@ -120,7 +123,10 @@ class CheckedLink:
 
 
 class Links(dict[str, CheckedLink]):
-    """The links of a file by name, and what all of them together say; complete from first use."""
+    """The links of a file by name, and what they say together.
+
+    Each property is computed once, so all links must be added before.
+    """
 
     @cached_property
     def stated(self) -> dict[str, Inertial]:
@@ -142,7 +148,7 @@ class Links(dict[str, CheckedLink]):
 
     @cached_property
     def reach(self) -> float:
-        """The longest distance of two joints on a link [m]; 0.1 m in a file without any."""
+        """The longest distance of a carried joint from its link's own joint [m]; 0.1 m if none."""
         return max((_length(link) for link in self.values() if len(link.joints)), default=0.1)
 
     @cached_property
@@ -182,10 +188,9 @@ class Links(dict[str, CheckedLink]):
 
     @cached_property
     def signs_explain(self) -> bool:
-        """Whether turned signs explain all negative moments of the file, which are many.
+        """Whether at least `signs` links have negative moments, and turned signs repair them all.
 
-        Moments that are negative for another reason are those of a body without their signs in one
-        link of three, by chance.
+        If the moments have another cause, turned signs repair one link of three by chance.
         """
         negative = [one for one in self.stated.values() if (np.diag(one.inertia) < 0).any()]
         # All of them: one that stays impossible shows another cause.
@@ -249,9 +254,10 @@ def lacks_products(inertial: Inertial, link: CheckedLink, links: Links) -> bool:
 def impossible(inertial: Inertial, link: CheckedLink, links: Links, *, alone: bool = False) -> bool:
     """Whether no body within the robot, or within the link's shape, can have this inertial.
 
-    The shape may be a third of the link, as shapes for collisions are; but it counts as large as it
-    is where all other links of the file (at least `faithful`) are as large as theirs. With `alone`
-    it may be a ninth, since there is no other evidence.
+    A link may be three times as large as its shape, since shapes for collisions leave parts out.
+    It may be hardly larger if all other links with a shape and an inertial (at least `faithful`)
+    fit their shapes. With `alone` there is no other evidence: the link may be nine times as large,
+    and its shape is ignored unless the link is `whole`.
     """
     spread = inertial.spread / inertial.mass
     # No matter is so dense: that needs no shape.
@@ -295,7 +301,6 @@ def proof_of(link: CheckedLink, links: Links) -> str:
         # Below this, numbers of few digits are rounded.
         if excess > SETTINGS.rounding:
             return f"an inertia that misses the triangle inequality by {100 * excess:.2g} %"
-        return ""
     if stated.density() > HEAVIEST:
         return "denser than any matter"
     if impossible(stated, link, links, alone=True):
@@ -311,7 +316,7 @@ def proof_of(link: CheckedLink, links: Links) -> str:
 
 def zero(inertial: Inertial) -> bool:
     """Whether an inertia is zero; programs write dust of 1e-20 for it."""
-    return bool(np.abs(inertial.inertia).max() < SETTINGS.dust**2 * abs(inertial.mass))
+    return bool(np.abs(inertial.inertia).max() <= SETTINGS.dust**2 * abs(inertial.mass))
 
 
 def _slack(link: CheckedLink, links: Links) -> float:
@@ -331,22 +336,23 @@ def cost_of(inertial: Inertial, link: CheckedLink, links: Links) -> float:
         cost = _cost_of_shape(inertial, link.shape)
     else:
         cost = _cost_of_joints(inertial, link, links)
-    if link.partners:
-        distances = [
-            distance(inertial, mirrored(partner, plane))
-            for partner, plane in link.partners
-            if partner.mass > 0
-        ]
+    # A partner without a mass is no evidence.
+    distances = [
+        distance(inertial, mirrored(partner, plane))
+        for partner, plane in link.partners
+        if partner.mass > 0
+    ]
+    if distances:
         # The two sides may differ by design, so this evidence has half of the cap.
-        cost += min([SETTINGS.cap / 2, *(SETTINGS.apart * value for value in distances)])
+        cost += min(SETTINGS.cap / 2, SETTINGS.apart * min(distances))
         # Exactly the same numbers do not come about by chance.
-        if distances and min(distances) < SETTINGS.same:
+        if min(distances) < SETTINGS.same:
             cost -= SETTINGS.coincidence
     return cost
 
 
 def _capped(evidence):
-    """Evidence that no error of a single number of the file makes decisive."""
+    """Limit a piece of evidence, so that one wrong number of the file does not decide alone."""
     return min(SETTINGS.cap, evidence)
 
 

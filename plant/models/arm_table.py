@@ -1,4 +1,4 @@
-"""The table [arm] of a robot file: its chain, from rows or a model file; the parameters f."""
+"""Convert the table [arm] of a robot file to a chain and its dynamics, and back."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -29,9 +29,12 @@ def _names(chain):
 
 
 def lumping_table(lumping: Lumping, chain: Chain) -> dict[str, dict[str, Any]]:
-    """Name of f -> its sum, ``{Izz3 = 1.0, J3 = 1.0, torque = "inertial"}``."""
+    """Name of each parameter of f -> its sum of standard parameters, and the torque it acts in.
+
+    An entry is ``{Izz3 = 1.0, J3 = 1.0, torque = "inertial"}``.
+    """
     names = _names(chain)
-    # The words are unique, so they can be looked up in both directions.
+    # Each pair of flags has only one word, so the pair can be looked up too.
     words = {flags: word for word, flags in _TORQUES.items()}
     table: dict[str, dict[str, Any]] = {}
     for i, name in enumerate(lumping.names):
@@ -43,7 +46,7 @@ def lumping_table(lumping: Lumping, chain: Chain) -> dict[str, dict[str, Any]]:
 
 
 def lumping_of(table: Mapping[str, Any], chain: Chain) -> Lumping:
-    """The lumping of such a table; a name that is no standard parameter of the chain is refused."""
+    """Lumping of a table as `lumping_table` writes it; refuses a term unknown to the chain."""
     names = _names(chain)
     matrix = []
     flags = []
@@ -59,7 +62,7 @@ def lumping_of(table: Mapping[str, Any], chain: Chain) -> Lumping:
             number = real(f"{parameter} in {label}", coefficient, "Give a number.")
             row[names.index(parameter)] = number
         matrix.append(row)
-    # An empty table has no columns to unpack.
+    # For an empty table, zip returns nothing to unpack.
     inertial, gravitational = zip(*flags, strict=True) if flags else ((), ())
     return Lumping(
         names=tuple(table), matrix=np.array(matrix), inertial=inertial, gravitational=gravitational
@@ -88,9 +91,9 @@ _ROTORLESS = "base without rotors"
 
 
 def dynamics_of(table: dict[str, Any], chain: Chain, rig: Rig) -> tuple[Dynamics, Any]:
-    """Dynamics of [arm], which has this chain; its f, or None if neither f nor bodies are there."""
+    """Dynamics of [arm] with this chain; and f from the table, else from the bodies, else None."""
     rotors = table.get("rotors")
-    # Without rotors the chain has the links alone.
+    # The chain stays as it is unless [arm] has the key `rotors`.
     if rotors is not None:
         choice("rotors of [arm]", rotors, ("drive",))
         # The rotors of the drive belong to the equations of motion.
@@ -130,16 +133,22 @@ def chain_of(table: dict[str, Any], folder: Path) -> Chain:
     if sources != ["links"]:
         chain = _chain_of_file(table, sources[0], folder)
     else:
+        if "joints" in table:
+            raise ValueError(
+                "[arm] must not have 'joints' beside 'links', which are all of its joints. Remove"
+                " one."
+            )
         convention = table.get("table", "modified")
         if choice("table of [arm]", convention, ("modified", "standard")) == "modified":
-            # 2. Modified Denavit-Hartenberg rows are the fields of a chain.
+            # 2. A chain takes modified Denavit-Hartenberg rows as they are.
             keys = "links", "gravity", "bodies", "coupling", "limits"
             fields = {key: table[key] for key in keys if key in table}
             modified: Chain = part_of(fields, "plant.Chain", "arm")
             return modified
 
         # 3. Standard rows are converted, with the bodies in their frames.
-        bodies = [part_of(body, "plant.Body", "arm.bodies") for body in table.get("bodies", ())]
+        rows = instance("bodies of [arm]", table.get("bodies", []), list, "Write [[arm.bodies]].")
+        bodies = [part_of(row, "plant.Body", "arm.bodies") for row in rows]
         # Fields that the conversion does not take are set afterwards.
         chain = Chain.standard(table["links"], bodies=tuple(bodies))
         if "limits" in table:
@@ -165,7 +174,7 @@ def _chain_of_file(table, source, folder):
 
 
 def arm_table(dynamics: Dynamics, arm: Arm | None) -> dict[str, Any]:
-    """The table of dynamics, with the f of an arm where it does not follow from the bodies."""
+    """The table [arm] of the dynamics, with the arm's f unless the bodies give the same f."""
     chain = dynamics.chain
     table = table_of(chain, "plant.Chain")
     if dynamics.ranges is not None:
@@ -177,7 +186,7 @@ def arm_table(dynamics: Dynamics, arm: Arm | None) -> dict[str, Any]:
             break
     else:
         table["parameters"] = lumping_table(dynamics.lumping, chain)
-    # Bodies give f to the last bit, so f is written only if it differs.
+    # f is left out only if the bodies give the same f to the last bit.
     if arm is not None and not (chain.bodies and np.array_equal(arm.f, dynamics.f())):
         table["f"] = arm.f.tolist()
     return table

@@ -4,6 +4,7 @@ import contextlib
 import glob
 import os
 import secrets
+import shutil
 import stat
 import time
 from collections.abc import Iterable
@@ -16,7 +17,9 @@ _OLD = 60.0
 
 def path_of(name: str, value: Any) -> Path:
     """Return `value` as a path, or refuse it."""
-    if not isinstance(value, str | os.PathLike) or not os.fspath(value):
+    path = os.fspath(value) if isinstance(value, str | os.PathLike) else None
+    # Entries of a folder that is named by bytes are named by bytes, too.
+    if not path or not isinstance(path, str):
         raise ValueError(f"{name} must be a path; got {value!r:.60}. Name a file or a folder.")
     return Path(value)
 
@@ -79,7 +82,7 @@ def write_whole(path: str | Path, content: Iterable[str | bytes]) -> None:
 
     A link is followed; its target's folder must exist. `content` yields str (written as UTF-8) or
     bytes. A folder, a pipe or a device at the path is refused; after an OSError the previous file
-    is unchanged. The new file has default permissions, not those of the previous one.
+    is unchanged. The new file has the permissions of the previous one.
     """
     # Follow links: replacing the link itself would leave the file it points to unchanged.
     target = Path(os.path.realpath(path))
@@ -92,6 +95,9 @@ def write_whole(path: str | Path, content: Iterable[str | bytes]) -> None:
     temporary = target.with_name(f"{_beside(target)}{secrets.token_hex(8)}")
     try:
         with open(temporary, "xb") as file:
+            # Before there is content, which others may not be allowed to read.
+            with contextlib.suppress(OSError):  # no previous file, or no permissions there
+                shutil.copymode(target, temporary)
             for piece in content:
                 file.write(piece.encode() if isinstance(piece, str) else piece)
             # The content must be on the disk before the name points to it, or a power failure could
@@ -126,4 +132,5 @@ def remove_remains(path: str | Path) -> None:
 
 def _beside(target: Path) -> str:
     """Prefix of the names of temporary files for `target`; cut, as a name has a limited length."""
-    return f".{target.name[:100]}."
+    # File systems limit names to 255 bytes, and 50 characters have at most 200.
+    return f".{target.name[:50]}."

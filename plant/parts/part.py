@@ -13,6 +13,7 @@ import numbers
 from collections.abc import Iterator, Mapping
 from typing import Any, ClassVar, Self, TypeVar, dataclass_transform
 
+import casadi as ca
 import numpy as np
 
 from plant.parts.arguments import array, instance, known_options, real
@@ -34,7 +35,7 @@ class Declared:
 
 
 def declared(meaning: str) -> Any:
-    """Declare an attribute that a subclass must define, as an abstract method does a method."""
+    """Declare an attribute that a subclass must define, like an abstract method."""
     return Declared(meaning)
 
 
@@ -47,9 +48,10 @@ def number(
 ) -> Any:
     """Declare a field of numbers: `shape` is () for one number or ("n",) for one per joint.
 
-    Any name stands for a length. With `default` None the field may be left out; then it is none
-    of the part's numbers, and of no equation. One number stands for all joints where another
-    field says how many there are; if `alike`, it stays one until a part around it does.
+    Any name in `shape` stands for a length, which is the same in all fields of the part. A field
+    with `default` None may be left out; it then adds no number to the part. One number given for
+    ("n",) is repeated for each joint if another field of the part tells how many joints there are;
+    if `alike`, it stays one number.
 
     See Also
     --------
@@ -67,6 +69,11 @@ def number(
     >>> Constant(level=(1.0, 2.0)).level
     array([1., 2.])
     """
+    # The names of numbers have one index.
+    if len(shape) > 1:
+        raise ValueError(
+            f"shape must be () or one length; got {shape!r:.60}. Declare a matrix as structure."
+        )
     return dataclasses.field(
         default=default, metadata={"number": shape, "finite": finite, "alike": alike}
     )
@@ -81,9 +88,9 @@ def structure(
 ) -> Any:
     """Declare a field that is structure: it decides the equations, so it cannot be unknown.
 
-    With a `kind` (a type; float for one finite number) anything else is refused, but None where
-    that is the default. Of `several` parts, a tuple, the numbers count too:
-    ``springs[0].stiffness[1]``.
+    With a `kind` (a type; float for one finite number) any other value is refused, but None
+    passes if it is the default. A field of `several` parts holds a tuple, and the numbers of these
+    parts count too: ``springs[0].stiffness[1]``.
 
     See Also
     --------
@@ -143,8 +150,7 @@ class Part(Saved):
             # The first field with a named length fixes that length for all others.
             expected = tuple(lengths.get(s, s) for s in shape)
             if shape == ("n",) and isinstance(value, numbers.Real) and not isinstance(value, bool):
-                # A number for all joints alike waits for a surrounding part that knows their
-                # number.
+                # A number that is alike for all joints stays single, even if their number is known.
                 if field.metadata["alike"]:
                     expected = ()
                 elif "n" in lengths:
@@ -178,7 +184,7 @@ class Part(Saved):
                     yield from item._leaves(f"{prefix}{field.name}[{i}].")
 
     def require_joints(self, n: int, prefix: str = "") -> None:
-        """Refuse this part if one of its numbers per joint is for another number of joints."""
+        """Refuse this part if an array with one number per joint does not have `n` numbers."""
         for name, _, field, value in self._leaves(prefix):
             # A number for all joints alike fits any.
             if field.metadata["number"] == ("n",) and np.ndim(value) and len(value) != n:
@@ -205,12 +211,19 @@ class Part(Saved):
 
     def with_numbers(self, vector: ArrayOrSymbols) -> Self:
         """Copy with its numbers from `vector` (k,): floats, or casadi symbols for equations."""
-        # The position is a list of one number: parts within parts advance the same counter.
-        symbolic = not isinstance(vector, np.ndarray)
+        k = len(self.number_names())
+        advice = "Give one for each of number_names()."
+        symbolic = isinstance(vector, (ca.SX, ca.MX, ca.DM))
+        if not symbolic:
+            # The fields know which of them may be infinite.
+            vector = array("vector", vector, (k,), advice=advice, finite=False)
+        elif vector.numel() != k:
+            raise ValueError(f"vector must have {k} symbols; got {vector.numel()}. {advice}")
+        # The position is a list, so that parts within parts advance the same counter.
         return self._filled(vector, [0], symbolic)
 
     def filled(self, values: Mapping[str, float], prefix: str = "") -> Self:
-        """Copy with some of its numbers replaced: name, as in `number_names(prefix)` -> float."""
+        """Copy with the numbers in `values`, which has names as in `number_names(prefix)`."""
         # Names of other numbers in the mapping are ignored: it may serve several parts.
         changed = [values.get(name, value) for name, value in self.numbers(prefix).items()]
         return self.with_numbers(np.array(changed))
@@ -267,14 +280,16 @@ class Part(Saved):
 
     @functools.cached_property
     def _hash(self) -> int:
-        # Equality compares descriptions, so equal parts have equal hashes.
-        return hash(json.dumps(self._description))
+        # An object of the user may change: JSON refuses it, so that its part has no hash.
+        return hash(json.dumps(_alike(self._description), sort_keys=True))
 
 
 def _amount(shape: tuple[int | str, ...]) -> str:
     if not shape:
         return "one number"
-    return "one number per joint" if isinstance(shape[0], str) else f"{shape[0]} numbers"
+    if shape[0] == "n":
+        return "one number per joint"
+    return "a row of numbers" if isinstance(shape[0], str) else f"{shape[0]} numbers"
 
 
 def _plain(value: Any) -> Any:
@@ -287,6 +302,15 @@ def _plain(value: Any) -> Any:
     return value
 
 
+def _alike(value: Any) -> Any:
+    """Plain data in which equal numbers have the same text: 0.0 and -0.0, or 1 and 1.0."""
+    if isinstance(value, dict):
+        return {key: _alike(item) for key, item in value.items()}
+    if isinstance(value, (tuple, list)):
+        return [_alike(item) for item in value]
+    return hash(value) if isinstance(value, numbers.Real) else value
+
+
 @dataclass_transform(
     frozen_default=True,
     kw_only_default=True,
@@ -294,7 +318,9 @@ def _plain(value: Any) -> Any:
     field_specifiers=(number, structure),
 )
 def part(cls: type[T]) -> type[T]:
-    """Class decorator: a frozen, keyword-only dataclass with checked options, saved and loaded.
+    """Class decorator: make a frozen, keyword-only dataclass that checks its options.
+
+    Files may name the class from then on.
 
     Raises
     ------
@@ -322,17 +348,24 @@ def part(cls: type[T]) -> type[T]:
     def __post_init__(self: Any) -> None:
         for field in dataclasses.fields(self):
             kind = field.metadata.get("kind")
+            value = getattr(self, field.name)
             name = f"{field.name} of {cls.__name__}"
+            # None passes if it is the default: the field was left out.
+            if kind is None or (value is None and field.default is None):
+                continue
             if kind is float:
-                object.__setattr__(
-                    self, field.name, real(name, getattr(self, field.name), "Give it in SI units.")
-                )
-            # None passes where it is the default, which means left out.
-            elif kind is not None and not (
-                field.default is None and getattr(self, field.name) is None
-            ):
-                instance(name, getattr(self, field.name), kind, f"Give one {kind.__name__}.")
+                object.__setattr__(self, field.name, real(name, value, "Give it in SI units."))
+            else:
+                instance(name, value, kind, f"Give one {kind.__name__}.")
         complete(self)
+        # The class's own checks come first: they know which parts the field takes.
+        for field in dataclasses.fields(self):
+            value = getattr(self, field.name)
+            if field.metadata.get("several") and isinstance(value, (tuple, list)):
+                for item in value:
+                    instance(f"{field.name} of {cls.__name__}", item, Part, "Give parts alone.")
+                # Only the numbers of a tuple count.
+                object.__setattr__(self, field.name, tuple(value))
 
     cls.__post_init__ = __post_init__  # type: ignore[method-assign]  # wrapped
     cls = dataclasses.dataclass(frozen=True, kw_only=True, eq=False)(cls)
@@ -342,7 +375,7 @@ def part(cls: type[T]) -> type[T]:
         - {field.name for field in dataclasses.fields(cls)}
     )
     if lacking:
-        base = next(b.__name__ for b in cls.__mro__[1:] if lacking[0] in vars(b))
+        base = next(b.__name__ for b in cls.__mro__ if lacking[0] in vars(b))
         absent = ", ".join(lacking)
         raise ValueError(
             f"{cls.__name__} must give all that {base} declares; it lacks {absent}. Define it."

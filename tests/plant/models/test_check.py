@@ -4,6 +4,7 @@ repairs are written.
 
 import importlib.util
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +12,8 @@ import pytest
 from model_texts import urdf
 
 from plant import Chain, check_model
+from plant.models.agreement import CheckedLink, Links, cost_of, zero
+from plant.models.hypotheses import Inertial
 from plant.models.robot_file import FOLDER
 
 _SPEC = importlib.util.spec_from_file_location(
@@ -103,6 +106,33 @@ def test_matter_is_not_so_dense_without_a_shape_either(tmp_path):
     assert [finding.link for finding in check.findings] == ["b"]
     assert "grams for kilograms" in str(check)
     np.testing.assert_allclose(check.findings[0].repair.mass, 0.3, rtol=1e-12)
+
+
+@pytest.mark.parametrize("excess", [0.0, 5e-5])
+def test_a_rounded_inertia_hides_no_other_proof(tmp_path, excess):
+    """A plate whose moments miss the triangle inequality by the rounding of their digits."""
+    path = tmp_path / "robot.urdf"
+    path.write_text(
+        '<robot name="r"><link name="a"/><link name="b"><inertial><mass value="300"/><inertia'
+        f' ixx="0.1" ixy="0" ixz="0" iyy="0.1" iyz="0" izz="{0.2 + excess}"/></inertial></link>'
+        '<joint name="j" type="revolute"><parent link="a"/><child link="b"/></joint></robot>'
+    )
+    (finding,) = check_model(path).findings
+    assert finding.link == "b"
+    assert excess == 0.0 or finding.mistake == "denser than any matter"
+
+
+def test_a_partner_without_a_mass_is_no_evidence():
+    body = Inertial(2.0, np.zeros(3), np.eye(3), np.diag([0.02, 0.02, 0.01]))
+    alone = CheckedLink("a", body, None, np.empty((0, 3)))
+    massless = replace(body, mass=0.0)
+    beside = replace(alone, partners=[(massless, np.eye(3))])
+    links = Links(a=alone)
+    assert cost_of(body, beside, links) == cost_of(body, alone, links)
+
+
+def test_an_inertia_of_zeros_is_zero_without_a_mass_too():
+    assert zero(Inertial(0.0, np.zeros(3), np.eye(3), np.zeros((3, 3))))
 
 
 def test_one_mistake_in_both_sides_is_undone_in_both(tmp_path):

@@ -192,6 +192,8 @@ PAPER = (FOLDER / "paper_puma560.toml").read_text()
         (PAPER.replace('torque = "inertial"', 'torque = "inert"', 1), "torque of f1 .*Did you mean 'inertial'"),
         (PAPER.replace("f7 = {", "f7 = {m2 = 1.0, "), "lumping must describe the motion of the chain"),
         (PAPER.replace("[arm]", '[arm]\nurdf = "x.urdf"'), "must have one of links, urdf, mjcf; got links and urdf"),
+        (PAPER.replace("[arm]", '[arm]\njoints = ["a"]'), r"\[arm\] must not have 'joints' beside 'links'"),
+        (PAPER.replace("[arm]", '[arm]\ntable = "standard"\nbodies = 3'), r"bodies of \[arm\] must be of type list; got a value of type int"),
         (PAPER.replace("[rig]", "[rig]\ndrive = 3"), r"\[rig\] must not have 'drive'"),
         (PAPER.replace("0.0007", "-1"), "period must be a positive number"),
         (PAPER + '[columns]\nt = "time"\npos = "q"', "what a column is mapped to must be one of .*'position'"),

@@ -1,5 +1,6 @@
 """Parts: numbers by name, round trips through numbers and through JSON, refusals."""
 
+import abc
 import dataclasses
 import json
 import re
@@ -181,6 +182,24 @@ def test_numbers_there_and_back(example):
         np.testing.assert_array_equal(example.with_numbers(changed).number_values(), changed)
 
 
+@pytest.mark.parametrize("length", [0, 1, 3])
+def test_a_vector_of_another_length_is_refused(length):
+    law = P(gain=(1.0, 2.0))
+    with pytest.raises(
+        ValueError, match=rf"vector must have shape \(2,\); got shape \({length},\)"
+    ):
+        law.with_numbers(np.ones(length))
+    with pytest.raises(ValueError, match=f"vector must have 2 symbols; got {length}"):
+        law.with_numbers(ca.SX.sym("x", length))
+
+
+def test_a_list_of_numbers_is_checked_like_an_array():
+    law = P(gain=(1.0, 2.0))
+    assert law.with_numbers([3.0, 4.0]) == P(gain=(3.0, 4.0))
+    with pytest.raises(ValueError, match="gain of P must be finite; got nan"):
+        law.with_numbers([np.nan, 1.0])
+
+
 def test_numbers_of_a_nested_part_there_and_back():
     example = nested()
     assert example.with_numbers(example.number_values()) == example
@@ -224,6 +243,17 @@ def test_parts_with_other_numbers_or_structure_differ():
     assert len({P(gain=(1.0,)), P(gain=(1.0,)), P(gain=(2.0,))}) == 2
 
 
+def test_equal_parts_have_equal_hashes():
+    assert P(gain=(0.0,)) == P(gain=(-0.0,))
+    assert hash(P(gain=(0.0,))) == hash(P(gain=(-0.0,)))
+    for modes in ((1, 1.0), ({"a": 1, "b": 2}, {"b": 2, "a": 1})):
+        one, other = (dataclasses.replace(nested(), mode=mode) for mode in modes)
+        assert one == other
+        assert hash(one) == hash(other)
+    with pytest.raises(TypeError):
+        hash(dataclasses.replace(nested(), mode=object()))
+
+
 def test_parts_are_frozen_and_do_not_keep_the_caller_s_array():
     gain = np.array([1.0, 2.0])
     law = P(gain=gain)
@@ -233,6 +263,17 @@ def test_parts_are_frozen_and_do_not_keep_the_caller_s_array():
         law.gain[0] = 3.0
     with pytest.raises(AttributeError):
         law.gain = gain
+
+
+def test_none_may_be_the_default_of_a_number_that_is_structure():
+    @part
+    class Paced(Part):
+        period: float = structure(float, default=None)
+
+    assert Paced().period is None
+    assert Paced(period=2).period == 2.0
+    with pytest.raises(ValueError, match="period of Paced must be a finite number"):
+        Paced(period="2")
 
 
 # -- refusals ------------------------------------------------------------------------------------
@@ -362,6 +403,42 @@ def test_bad_field_is_refused_by_name(make, message):
     with pytest.raises(ValueError, match=message) as error:
         make()
     assert "\n" not in str(error.value)
+
+
+def test_a_matrix_of_numbers_is_no_field():
+    with pytest.raises(ValueError, match=r"shape must be \(\) or one length; got \(2, 2\)"):
+        number((2, 2))
+
+
+def test_an_abstract_part_is_refused_by_its_own_name():
+    class Base(Part, abc.ABC):
+        @abc.abstractmethod
+        def torque(self): ...
+
+    with pytest.raises(ValueError, match="Base must give all that Base declares; it lacks torque"):
+        part(Base)
+
+
+def test_the_advice_for_a_length_that_is_not_that_of_joints_names_no_joints():
+    @part
+    class Pair(Part):
+        first: np.ndarray = number(("m",))
+        second: np.ndarray = number(("m",))
+
+    with pytest.raises(ValueError, match=r"second of Pair must have shape \(2,\)") as error:
+        Pair(first=(1, 2), second=(1,))
+    assert "joint" not in str(error.value)
+
+
+def test_several_parts_may_be_a_list_and_are_parts():
+    @part
+    class Group(Part):
+        laws: tuple = structure(several=True)
+
+    group = Group(laws=[P(gain=(1.0,)), P(gain=(2.0,))])
+    assert group.numbers() == {"laws[0].gain[0]": 1.0, "laws[1].gain[0]": 2.0}
+    with pytest.raises(ValueError, match="laws of Group must be of type Part; got a value of type"):
+        Group(laws=(1.0,))
 
 
 def test_the_numbers_of_several_parts_in_one_field_count_by_their_place():

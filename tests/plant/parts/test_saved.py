@@ -315,6 +315,26 @@ def test_a_write_that_fails_leaves_what_was_there(path, monkeypatch):
         assert os.listdir(path.parent) == [path.name]
 
 
+def test_a_file_keeps_its_permissions(path):
+    RIG.save(path)
+    path.chmod(0o600)
+    RIG.save(path)
+    assert path.stat().st_mode & 0o777 == 0o600
+
+
+def test_a_name_may_be_as_long_in_bytes_as_the_file_system_allows(path):
+    name = path.with_name("\u6e2c" * 80)
+    RIG.save(name)
+    assert Rig.load(name) == RIG
+
+
+def test_a_path_of_bytes_is_refused():
+    with os.scandir(os.fsencode(os.path.dirname(__file__))) as entries:
+        entry = next(entries)
+    with pytest.raises(ValueError, match="folder must be a path; got <DirEntry"):
+        files.path_of("folder", entry)
+
+
 def test_a_link_is_followed_and_a_device_is_left_alone(path, tmp_path):
     (tmp_path / "link.json").symlink_to(path)
     RIG.save(tmp_path / "link.json")
