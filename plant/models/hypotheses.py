@@ -46,9 +46,10 @@ class Inertial:
         return float(abs(np.trace(self.inertia))) + steiner
 
     def excess(self) -> float:
-        """Share of the largest moment beyond the others' sum; infinite if one is not positive."""
+        """Share of the largest moment beyond the others' sum; infinite if one is negative."""
         moments = np.linalg.eigvalsh(self.inertia)
-        if not moments[0] > 0:
+        # A thin rod has a moment of zero, which the eigenvalues miss by their rounding.
+        if not (moments[2] > 0 and moments[0] >= -1e-9 * moments[2]):
             return np.inf
         return max(0.0, float((moments[2] - moments[0] - moments[1]) / moments[2]))
 
@@ -288,8 +289,8 @@ def _primitive(element):
         half = np.array([radius, radius, length / 2])
     else:
         return None
-    # A plane, or NaN, is no body.
-    if not volume > 0:
+    # A plane, NaN, or a negative size is no body.
+    if not (volume > 0 and (half > 0).all()):
         return None
     rotation = np.array(pose.rotation)
     centre = np.array(pose.position)
@@ -344,9 +345,11 @@ def partner_of(name: str, names: Collection[str]) -> str | None:
             # Names are written in one of these cases: left, LEFT, Left.
             for case in (str.lower, str.upper, str.capitalize):
                 pattern = f"{border}{case(mine)}{end}"
-                partner = re.sub(pattern, case(theirs), name, count=1)
-                if partner != name and partner in names:
-                    return partner
+                # Other words may hold that of a side, as "upright" does.
+                for match in re.finditer(pattern, name):
+                    partner = f"{name[: match.start()]}{case(theirs)}{name[match.end() :]}"
+                    if partner in names:
+                        return partner
     return None
 
 
@@ -361,10 +364,6 @@ def mirrors(
     shape, partner = shapes
     motions: list[Floats] = []
     for motion in _MOTIONS:
-        # The motions that exchange no axes come first. Of the others, only the first that fits is
-        # kept.
-        if len(motions) and not np.array_equal(np.abs(motion), np.eye(3)):
-            break
         # Positions agree within 0.1 mm, second moments within a thousandth.
         same = joints[0].shape == joints[1].shape
         same = same and np.allclose(joints[0], joints[1] @ motion.T, atol=1e-4)
@@ -374,4 +373,5 @@ def mirrors(
             same = same and np.allclose(shape.spread, spread, rtol=1e-3, atol=1e-9)
         if same:
             motions.append(motion)
-    return motions
+    along = [motion for motion in motions if np.array_equal(np.abs(motion), np.eye(3))]
+    return along or motions
