@@ -302,9 +302,19 @@ def _primitive(element):
 
 
 def joint_positions(robot: Element) -> dict[str, Floats]:
-    """Positions (k, 3) of the joints that each link carries, in its frame [m]."""
+    """Positions (k, 3) of the joints that each link carries, in its frame [m].
+
+    On the two sides of a robot they have the same order, whichever the file has.
+    """
+    children = {_child_of(joint) for joint in robot.all("joint")}
+
+    def pair(joint: Element) -> str:
+        child = _child_of(joint)
+        partner = partner_of(child, children)
+        return min(child, partner) if partner else ""
+
     positions: dict[str, list[Floats]] = {}
-    for joint in robot.all("joint"):
+    for joint in sorted(robot.all("joint"), key=pair):
         parent = joint.find("parent")
         position, _ = deferred(HERE, origin_of, joint, "joint")
         # A URDF joint has the origin of its child in the frame of its parent.
@@ -312,6 +322,11 @@ def joint_positions(robot: Element) -> dict[str, Floats]:
             name = parent.attributes.get("link", "")
             positions.setdefault(name, []).append(np.array(position.position))
     return {name: np.array(places) for name, places in positions.items()}
+
+
+def _child_of(joint):
+    child = joint.find("child")
+    return "" if child is None else child.attributes.get("link", "")
 
 
 def ways(robot: Element) -> dict[str, float]:

@@ -253,6 +253,23 @@ def test_exchanged_axes_that_one_joint_leaves_open_give_no_repair(tmp_path):
     assert finding.repair is None
 
 
+def test_the_order_of_joints_in_the_file_is_no_evidence(tmp_path):
+    """Of a palm with a thumb and a finger that stand as if mirrored."""
+    random = np.random.default_rng(5)
+    palm, tip = body(random), body(random, 0.3)
+    links = {"torso": body(random, 2), "left_palm": palm, "right_palm": None}
+    joints = [
+        ("torso", f"{side}_palm", (0, y, 0.3)) for side, y in (("left", 0.2), ("right", -0.2))
+    ]
+    for side, sign in (("left", 1), ("right", -1)):
+        for name, y in (("thumb", 0.04), ("finger", -0.04)):
+            links[f"{side}_{name}"] = mirrored(tip, np.diag([1, sign, 1]))
+            joints.append((f"{side}_palm", f"{side}_{name}", (0.02, sign * y, 0.1)))
+    for order in (joints, [*joints[:4], *joints[:3:-1]]):
+        (finding,) = check_model(written(tmp_path / "arms.urdf", links, order)).findings
+        np.testing.assert_allclose(finding.repair.com, mirrored(palm, *IN_Y)[1], rtol=1e-12)
+
+
 def test_a_side_may_stand_in_a_name_after_a_word_that_holds_it(tmp_path):
     """A link without an inertial is no frame if there is one on the other side."""
     links, joints = two_sides(np.random.default_rng(8))
