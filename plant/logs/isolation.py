@@ -5,6 +5,7 @@ libraries read all other formats in a child process.
 """
 
 import dataclasses
+import io
 import json
 import math
 import os
@@ -15,7 +16,7 @@ import zipfile
 from collections.abc import Collection
 from importlib.util import find_spec
 from subprocess import DEVNULL, PIPE, TimeoutExpired, run
-from typing import Any
+from typing import IO, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -73,6 +74,8 @@ _HEADERS = {
     (1, 0): np.lib.format.read_array_header_1_0,
     (2, 0): np.lib.format.read_array_header_2_0,
 }
+# Beginning of a column that holds its whole header: numpy refuses one of more than 10,000 bytes.
+_HEADER_BYTES = 1 << 14
 
 
 def read_isolated(
@@ -164,13 +167,12 @@ def read_npz(
                 raise ValueError(
                     f"must be compressed as numpy does; {got}. Save it with numpy.savez_compressed."
                 )
+        if numbers_only:
+            # What is left out is not expanded, so its size does not count.
+            wanted = {n: info for n, info in wanted.items() if _is_real(archive, n, info)}
         # The sizes that the directory declares are checked before anything is expanded.
         require_size(sum(info.file_size for info in wanted.values()), max_bytes)
-        arrays = dict[str, NDArray[Any]]()
-        for name, info in wanted.items():
-            with refusals_left_out(numbers_only):
-                arrays[name] = _array(archive, name, info)
-        return list(members), arrays
+        return list(members), {name: _array(archive, name, info) for name, info in wanted.items()}
 
 
 def _require_small_directory(path: str) -> None:
@@ -196,16 +198,30 @@ def _require_small_directory(path: str) -> None:
         )
 
 
+def _is_real(archive: zipfile.ZipFile, name: str, info: zipfile.ZipInfo) -> bool:
+    """Whether a column holds real numbers, from its header alone."""
+    with archive.open(info) as file, refusals_left_out(numbers_only=True):
+        _header(io.BytesIO(file.read(_HEADER_BYTES)), name)
+        return True
+    return False
+
+
+def _header(file: IO[bytes], name: str) -> tuple[tuple[int, ...], bool, np.dtype[Any]]:
+    """Shape, whether in Fortran's order, and type of a column of real numbers."""
+    version = np.lib.format.read_magic(file)
+    if version not in _HEADERS:
+        raise ValueError(
+            f"must be NPY version 1 or 2; got {version} in column {name!r}. Save it with"
+            " numpy.savez."
+        )
+    shape, fortran, dtype = _HEADERS[version](file)
+    require_real(name, dtype, dtype.kind in "biuf")
+    return shape, fortran, dtype
+
+
 def _array(archive: zipfile.ZipFile, name: str, info: zipfile.ZipInfo) -> NDArray[Any]:
     with archive.open(info) as file:
-        version = np.lib.format.read_magic(file)
-        if version not in _HEADERS:
-            raise ValueError(
-                f"must be NPY version 1 or 2; got {version} in column {name!r}. Save it with"
-                " numpy.savez."
-            )
-        shape, fortran, dtype = _HEADERS[version](file)
-        require_real(name, dtype, dtype.kind in "biuf")
+        shape, fortran, dtype = _header(file, name)
         body = file.read()  # at most file_size bytes; `read` compares their checksum
     if len(body) != math.prod(shape) * dtype.itemsize:
         got = f"got {len(body)} bytes"

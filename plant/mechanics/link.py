@@ -134,10 +134,12 @@ def near_each_other(links: tuple[Link, ...]) -> tuple[Link, ...]:
     ------
     ValueError
         An offset exceeds 50 m, and its axis is not nearly parallel to a neighbour's; or a frame
-        is still more than 50 m from the previous one.
+        is still more than 50 m from the previous one, or that of the last body from its link.
     """
-    if all(abs(link.d) <= _LONGEST for link in links):
+    far_links = [link for link in links if abs(link.d) > _LONGEST]
+    if not far_links:
         return links
+    far_link = far_links[0]  # whose offset the chain has to come back from
     twists = [abs(float(_axis_of(link)[2])) for link in links] + [0.0]
     limit = float(np.sqrt(1 - _PARALLEL**2))
     moved = []
@@ -146,21 +148,31 @@ def near_each_other(links: tuple[Link, ...]) -> tuple[Link, ...]:
         back = Placement(position=(0.0, 0.0, -shift))
         pose = back @ link.before @ Placement.of_row(alpha=link.alpha, a=link.a, d=link.d)
         shift = 0.0
-        if abs(link.d) > _LONGEST and max(twist, twist_behind) > limit:
+        if abs(link.d) > _LONGEST:
+            far_link = link
+            if max(twist, twist_behind) <= limit:
+                raise _offset_error(far_link)
             # Move the frame to the point of its axis that is nearest to the previous frame.
             shift = -float(np.array(pose.rotation)[:, 2] @ pose.position)
             pose = pose @ Placement(position=(0.0, 0.0, shift))
-        if abs(link.d) > _LONGEST and (not shift or np.abs(pose.position).max() > _LONGEST):
-            raise ValueError(
-                f"d of link {link.name} must be a length in metres, at most {_LONGEST:g}, unless"
-                f" its axis is nearly parallel to a neighbour's; got {link.d:g}. Divide by 1000 if"
-                " it is in mm."
-            )
-        if shift or back != Placement():
+        if link is far_link or back != Placement():
+            if np.abs(pose.position).max() > _LONGEST:
+                raise _offset_error(far_link)
             frame = Placement(position=(0.0, 0.0, -shift)) @ link.frame
             link = replace(link, before=pose, alpha=0.0, a=0.0, d=0.0, frame=frame)
         moved.append(link)
+    # Behind the last link no row leads back.
+    if np.abs(moved[-1].frame.position).max() > _LONGEST:
+        raise _offset_error(far_link)
     return tuple(moved)
+
+
+def _offset_error(link: Link) -> ValueError:
+    return ValueError(
+        f"d of link {link.name} must be a length in metres, at most {_LONGEST:g}, unless a"
+        f" neighbour's nearly parallel axis leads back; got {link.d:g}. Divide by 1000 if it is in"
+        " mm."
+    )
 
 
 def _axis_of(link: Link) -> Floats:

@@ -46,9 +46,10 @@ class Inertial:
         return float(abs(np.trace(self.inertia))) + steiner
 
     def excess(self) -> float:
-        """Share of the largest moment beyond the others' sum; infinite if one is not positive."""
+        """Share of the largest moment beyond the others' sum; infinite if one is negative."""
         moments = np.linalg.eigvalsh(self.inertia)
-        if not moments[0] > 0:
+        # A thin rod has a moment of zero, which the eigenvalues miss by their rounding.
+        if not (moments[2] > 0 and moments[0] >= -1e-9 * moments[2]):
             return np.inf
         return max(0.0, float((moments[2] - moments[0] - moments[1]) / moments[2]))
 
@@ -288,8 +289,8 @@ def _primitive(element):
         half = np.array([radius, radius, length / 2])
     else:
         return None
-    # A plane, or NaN, is no body.
-    if not volume > 0:
+    # A plane, NaN, or a negative size is no body.
+    if not (volume > 0 and (half > 0).all()):
         return None
     rotation = np.array(pose.rotation)
     centre = np.array(pose.position)
@@ -301,9 +302,19 @@ def _primitive(element):
 
 
 def joint_positions(robot: Element) -> dict[str, Floats]:
-    """Positions (k, 3) of the joints that each link carries, in its frame [m]."""
+    """Positions (k, 3) of the joints that each link carries, in its frame [m].
+
+    On the two sides of a robot they have the same order, whichever the file has.
+    """
+    children = {_child_of(joint) for joint in robot.all("joint")}
+
+    def pair(joint: Element) -> str:
+        child = _child_of(joint)
+        partner = partner_of(child, children)
+        return min(child, partner) if partner else ""
+
     positions: dict[str, list[Floats]] = {}
-    for joint in robot.all("joint"):
+    for joint in sorted(robot.all("joint"), key=pair):
         parent = joint.find("parent")
         position, _ = deferred(HERE, origin_of, joint, "joint")
         # A URDF joint has the origin of its child in the frame of its parent.
@@ -311,6 +322,11 @@ def joint_positions(robot: Element) -> dict[str, Floats]:
             name = parent.attributes.get("link", "")
             positions.setdefault(name, []).append(np.array(position.position))
     return {name: np.array(places) for name, places in positions.items()}
+
+
+def _child_of(joint):
+    child = joint.find("child")
+    return "" if child is None else child.attributes.get("link", "")
 
 
 def ways(robot: Element) -> dict[str, float]:
@@ -344,9 +360,11 @@ def partner_of(name: str, names: Collection[str]) -> str | None:
             # Names are written in one of these cases: left, LEFT, Left.
             for case in (str.lower, str.upper, str.capitalize):
                 pattern = f"{border}{case(mine)}{end}"
-                partner = re.sub(pattern, case(theirs), name, count=1)
-                if partner != name and partner in names:
-                    return partner
+                # Other words may hold that of a side, as "upright" does.
+                for match in re.finditer(pattern, name):
+                    partner = f"{name[: match.start()]}{case(theirs)}{name[match.end() :]}"
+                    if partner in names:
+                        return partner
     return None
 
 
@@ -361,10 +379,6 @@ def mirrors(
     shape, partner = shapes
     motions: list[Floats] = []
     for motion in _MOTIONS:
-        # The motions that exchange no axes come first. Of the others, only the first that fits is
-        # kept.
-        if len(motions) and not np.array_equal(np.abs(motion), np.eye(3)):
-            break
         # Positions agree within 0.1 mm, second moments within a thousandth.
         same = joints[0].shape == joints[1].shape
         same = same and np.allclose(joints[0], joints[1] @ motion.T, atol=1e-4)
@@ -374,4 +388,5 @@ def mirrors(
             same = same and np.allclose(shape.spread, spread, rtol=1e-3, atol=1e-9)
         if same:
             motions.append(motion)
-    return motions
+    along = [motion for motion in motions if np.array_equal(np.abs(motion), np.eye(3))]
+    return along or motions

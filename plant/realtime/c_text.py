@@ -70,10 +70,11 @@ class Target(NamedTuple):
                 f" pulses within a turn; at most {_LOST:g} changes no count. Use double, or an"
                 " encoder of fewer pulses."
             )
-        # A count above 2^24 is not exact in single precision.
-        if single and largest > 1 / _SINGLE:
+        # Beyond 2^23 the half that rounds a count to the nearest is lost in single precision: an
+        # odd count becomes the next even one.
+        if single and largest > 0.5 / _SINGLE:
             raise ValueError(
-                f"largest_count must be at most 2^24 in single precision; got {largest:g}. Use"
+                f"largest_count must be at most 2^23 in single precision; got {largest:g}. Use"
                 " double."
             )
         return cls(target, single)
@@ -179,18 +180,24 @@ def write_templates(
     """Write files of an export, each from its template, after all texts are filled."""
     values = {"name": name, "NAME": name.upper(), "flags": _FLAGS, **values}
     place = _free_folder(folder, templates, name)
-    # All texts are filled before the first file is written, so an error in a template leaves no
-    # partial export.
-    texts = {}
+    # All texts are filled and encoded before the first file is written, so an error in one leaves
+    # no partial export.
+    contents = {}
     for file, of in templates.items():
         template = Template(of.read_text("ascii"))
         text = template.substitute(
             values, made=f"{file} - made by onepulse {__version__} for {name}"
         )
-        texts[file] = target.translated(text) if file.endswith((".c", ".h")) else text
+        text = target.translated(text) if file.endswith((".c", ".h")) else text
+        try:
+            contents[file] = text.encode("ascii")
+        except UnicodeEncodeError as error:
+            raise ValueError(
+                f"{file} must be ASCII; got {text[error.start]!r}. Rename what has it in its name."
+            ) from None
     place.mkdir(parents=True, exist_ok=True)
-    for file, text in texts.items():
-        (place / file).write_bytes(text.encode("ascii"))
+    for file, content in contents.items():
+        (place / file).write_bytes(content)
 
 
 ONE_CONTROLLER = "/* One controller; several do not know of each other. */\n"
@@ -230,9 +237,11 @@ def _free_folder(destination: str | Path, files: Iterable[str], name: str) -> Pa
         raise ValueError(
             f"folder must be a path; got {destination!r:.60}. Give the name of a folder."
         ) from None
-    # Without this check `mkdir` would fail later, after the templates are filled.
-    if folder.exists() and not folder.is_dir():
-        raise ValueError(f"folder must be a folder; {folder} is a file. Name another.")
+    # Without this check `mkdir` would fail later, after the templates are filled. A link that leads
+    # nowhere does not exist, but takes the name.
+    for place in (folder, *folder.parents):
+        if (place.is_symlink() or place.exists()) and not place.is_dir():
+            raise ValueError(f"folder must be a folder; {place} is a file. Name another.")
     for file in files:
         path = folder / file
         # A link could lead to a file of another folder, so it is refused, whatever it names.
@@ -293,8 +302,10 @@ class Output(NamedTuple):
             raise ValueError(
                 f"largest_count must be whole and below 2^31; got {largest_count}. {usual}"
             )
-        # A clipped count would apply less torque than the observer of the law believes.
-        short = np.flatnonzero(largest_count / np.abs(scale) < rig.drive.current_limit)
+        # A clipped count would apply less torque than the observer of the law believes. The count
+        # of the limit is rounded as in `converted`: a quotient misses a full scale by a bit.
+        counts = np.floor(np.abs(scale) * rig.drive.current_limit + 0.5)
+        short = np.flatnonzero(counts > largest_count)
         if len(short):
             joint = int(short[0])
             raise ValueError(

@@ -239,7 +239,8 @@ def to_ros2_control(
     functions = helpers(functions) + functions
     values |= {
         "about": f"{paragraph(summary)}\n *\n{values['about']}",
-        "summary": escape(summary),
+        # The name of a law may have letters beyond ASCII.
+        "summary": escape(summary).encode("ascii", "xmlcharrefreplace").decode("ascii"),
         "functions": functions,
         "joints": ", ".join(f'"{joint}"' for joint in names),
         "joints_said": ", ".join(names),

@@ -1,5 +1,6 @@
 """A log without a mapping is described, and the mapping that the description gives reads it."""
 
+import dataclasses
 import json
 
 import numpy as np
@@ -9,6 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from plant import Drive, Encoder, LoadError, LogContents, Record, Rig, puma560, simulate
+from plant.logs import logfile
 
 N, n = 400, 3
 RIG = Rig(
@@ -321,3 +323,15 @@ def test_the_slash_of_a_unit_parts_no_group(tmp_path, form):
     assert len({contents.roles[name].group for name in names}) == 1
     if "qd" not in form:
         assert names in contents.columns.values()
+
+
+def test_words_of_an_archive_do_not_count_as_columns(tmp_path, monkeypatch):
+    """They are left out, so they are not expanded; the numbers still have to fit."""
+    limits = dataclasses.replace(logfile.LIMITS, columns=1 << 20)
+    monkeypatch.setattr(logfile, "LIMITS", limits)
+    numbers = {"t": T, **{f"q{i + 1}": Q[:, i] for i in range(n)}}
+    np.savez_compressed(tmp_path / "log.npz", **numbers, note=np.zeros(1 << 19, "U1"))
+    assert Record.read(tmp_path / "log.npz").text == ("note",)
+    np.savez_compressed(tmp_path / "log.npz", **numbers, more=np.zeros(1 << 18))
+    with pytest.raises(LoadError, match="must hold at most 1 MiB; it declares 2"):
+        Record.read(tmp_path / "log.npz")

@@ -509,3 +509,23 @@ def test_an_offset_in_millimetres_is_still_refused():
     rows = [Link(name="1", d=0.3), Link(name="2", a=0.4, alpha=1.0, d=-166.0)]
     with pytest.raises(ValueError, match=r"d of link 2 .* Divide by 1000 if it is in mm"):
         Chain(links=rows)
+
+
+@pytest.mark.parametrize(
+    ("rows", "name"),
+    [
+        ((Link(name="1", d=0.4), Link(name="2", d=-200.0, prismatic=True)), "2"),
+        ((Link(name="1", d=300.0), Link(name="2", a=0.1)), "1"),
+        ((Link(name="1", d=300.0), Link(name="2", a=0.1), Link(name="3", a=0.1, d=-300.0)), "1"),
+    ],
+)
+def test_an_offset_that_no_parallel_axis_leads_back_is_refused(rows, name):
+    """Also that of the last link, whose body would lie far away."""
+    with pytest.raises(ValueError, match=rf"^d of link {name} must be a length in metres"):
+        Chain(links=rows)
+
+
+def test_rows_that_come_back_exactly_are_near_each_other():
+    chain = Chain(links=[Link(name="1", d=300.0), Link(name="2", a=0.1, d=-300.0)])
+    np.testing.assert_allclose(chain_tool(chain, (0.0, 0.0)), (0.1, 0.0, 0.0), atol=1e-12)
+    assert max(np.abs(link.before.position).max() for link in chain.links) < 1

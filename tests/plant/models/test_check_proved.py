@@ -240,6 +240,68 @@ def test_a_finger_may_be_its_twin_turned_by_half_a_turn(tmp_path, signs):
     assert check_model(written(tmp_path / "hand.urdf", links, joints)).ok
 
 
+def test_exchanged_axes_that_one_joint_leaves_open_give_no_repair(tmp_path):
+    """The joint of one palm is along x, that of the other along y: eight motions fit."""
+    random = np.random.default_rng(5)
+    palm, tip = body(random), body(random, 0.5)
+    links = {"torso": body(random, 2), "left_palm": palm, "right_palm": None}
+    links |= {"left_tip": tip, "right_tip": mirrored(tip, *IN_Y)}
+    joints = [("torso", "left_palm", (0, 0.2, 0.3)), ("torso", "right_palm", (0, -0.2, 0.3))]
+    joints += [("left_palm", "left_tip", (0.1, 0, 0)), ("right_palm", "right_tip", (0, 0.1, 0))]
+    (finding,) = check_model(written(tmp_path / "arms.urdf", links, joints)).findings
+    assert (finding.link, finding.mistake) == ("right_palm", "no inertial")
+    assert finding.repair is None
+
+
+def test_the_order_of_joints_in_the_file_is_no_evidence(tmp_path):
+    """Of a palm with a thumb and a finger that stand as if mirrored."""
+    random = np.random.default_rng(5)
+    palm, tip = body(random), body(random, 0.3)
+    links = {"torso": body(random, 2), "left_palm": palm, "right_palm": None}
+    joints = [
+        ("torso", f"{side}_palm", (0, y, 0.3)) for side, y in (("left", 0.2), ("right", -0.2))
+    ]
+    for side, sign in (("left", 1), ("right", -1)):
+        for name, y in (("thumb", 0.04), ("finger", -0.04)):
+            links[f"{side}_{name}"] = mirrored(tip, np.diag([1, sign, 1]))
+            joints.append((f"{side}_palm", f"{side}_{name}", (0.02, sign * y, 0.1)))
+    for order in (joints, [*joints[:4], *joints[:3:-1]]):
+        (finding,) = check_model(written(tmp_path / "arms.urdf", links, order)).findings
+        np.testing.assert_allclose(finding.repair.com, mirrored(palm, *IN_Y)[1], rtol=1e-12)
+
+
+def test_a_side_may_stand_in_a_name_after_a_word_that_holds_it(tmp_path):
+    """A link without an inertial is no frame if there is one on the other side."""
+    links, joints = two_sides(np.random.default_rng(8))
+    links["right_lower"] = None
+    links = {f"upright_{name}": made for name, made in links.items()}
+    joints = [(f"upright_{parent}", f"upright_{child}", xyz) for parent, child, xyz in joints]
+    (finding,) = check_model(written(tmp_path / "arms.urdf", links, joints)).findings
+    assert (finding.link, finding.mistake) == ("upright_right_lower", "no inertial")
+
+
+CYLINDER = '<collision><geometry><cylinder radius="{}" length="0.3"/></geometry></collision>'
+
+
+@pytest.mark.parametrize("form", [BOX.format("-0.3 -0.3 0.3"), CYLINDER.format(-0.3)])
+def test_a_shape_of_negative_size_says_nothing(tmp_path, form):
+    links, joints = arm(np.random.default_rng(3))
+    shapes = {"link2": form}
+    assert check_model(written(tmp_path / "arm.urdf", links, joints, shapes=shapes)).ok
+
+
+def test_a_rod_whose_least_moment_is_zero_is_a_body(tmp_path):
+    """As much rounded as one whose least moment is hardly above zero; more is a slip."""
+    links, joints = arm(np.random.default_rng(3))
+    mass, com, _ = links["link2"]
+    for least in (0.0, 1e-9):
+        links["link2"] = mass, com, np.diag([least, 0.01, 0.010005])
+        assert check_model(written(tmp_path / "arm.urdf", links, joints)).ok
+        links["link2"] = mass, com, np.diag([least, 0.01, 0.0102])
+        (finding,) = check_model(written(tmp_path / "arm.urdf", links, joints)).findings
+        assert "misses the triangle inequality by 2 %" in finding.mistake
+
+
 def test_two_candidates_leave_no_repair(tmp_path):
     """A scale of 100 between g and kg mm^2: the inertia of neither is far better in an arm without
     shapes.

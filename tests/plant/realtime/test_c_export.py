@@ -444,6 +444,41 @@ def test_bad_input_is_refused_in_one_line(tmp_path, options, said):
     assert not (tmp_path / "c").exists()
 
 
+@part
+class Accented(P):
+    """A law whose number has a name that C does not allow."""
+
+    größe: np.ndarray = number(("n",))
+
+    def equations(self, rig, state, setpoint, pulses, torque, dt):
+        return self.größe * setpoint.q, state
+
+
+def test_a_name_beyond_ascii_leaves_no_partial_export(tmp_path):
+    with pytest.raises(ValueError, match=r"controller.c must be ASCII; got 'ö'"):
+        Accented(gain=(1, 1), größe=(1, 1)).to_c(tmp_path / "c", RIG)
+    assert not (tmp_path / "c").exists()
+
+
+def test_a_path_through_a_file_or_a_link_to_nowhere_is_refused(tmp_path):
+    (tmp_path / "notes.txt").write_text("mine")
+    (tmp_path / "link").symlink_to(tmp_path / "nowhere")
+    for folder in ("notes.txt/out", "link", "link/out"):
+        with pytest.raises(ValueError, match=r"(notes.txt|link) is a file. Name another"):
+            LAWS["P"].to_c(tmp_path / folder, RIG)
+    assert not (tmp_path / "nowhere").exists()
+
+
+def test_a_converter_of_exactly_the_current_limit_is_enough(tmp_path):
+    """8191 / (8191 / 15) is a bit below 15."""
+    drive = dataclasses.replace(RIG.drive, current_limit=(15.0, 15.0))
+    rig = dataclasses.replace(RIG, drive=drive)
+    options = {"rig": rig, "output": "dac", "largest_count": 8191}
+    LAWS["P"].to_c(tmp_path, counts_per_ampere=(8191 / 15, -8191 / 15), **options)
+    with pytest.raises(ValueError, match="must reach the current limit"):
+        LAWS["P"].to_c(tmp_path, counts_per_ampere=(8191 / 15, -8192 / 15), **options)
+
+
 def test_a_smooth_record_has_no_counts(tmp_path):
     rig = dataclasses.replace(RIG, encoder=dataclasses.replace(RIG.encoder, smooth=True))
     record = dataclasses.replace(

@@ -209,15 +209,18 @@ def test_bad_input_says_what_to_do(tmp_path):
     ):
         LAW.start(fine, (0, 0)).to_c(tmp_path, precision="single")
     with pytest.raises(
-        ValueError, match=r"largest_count must be at most 2\^24 in single precision"
+        ValueError, match=r"largest_count must be at most 2\^23 in single precision"
     ):
         running.to_c(
             tmp_path,
             precision="single",
             output="dac",
-            counts_per_ampere=(9e6, 9e6),
-            largest_count=2**30,
+            counts_per_ampere=(5e5, 5e5),
+            largest_count=2**23 + 1,
         )
+    # An odd count that floor(x + 1/2) does not keep.
+    odd = np.float32(2**23 + 1)
+    assert np.floor(odd + np.float32(0.5)) != odd
     assert not list(tmp_path.iterdir())
 
 

@@ -383,6 +383,13 @@ def test_the_package_is_what_ros_reads(tmp_path):
     assert "is without gravity: the firmware adds that" in header
 
 
+def test_a_law_may_have_a_name_beyond_ascii(tmp_path):
+    accented = type("Zähler", (ComputedTorque,), {})
+    to_ros2_control(accented(ARM, LAW.rig), tmp_path / "new")
+    package = ElementTree.parse(tmp_path / "new" / "package.xml").getroot()  # noqa: S314
+    assert "Zähler for" in package.findtext("description")
+
+
 @pytest.mark.parametrize(
     ("arguments", "options", "why"),
     [
