@@ -143,6 +143,17 @@ HYPOTHESES = (
         against=8.0,
         unit="ms",
     ),
+    # Where no torque was logged, its place is taken by that of the stated law.
+    Hypothesis(
+        name="law without rate",
+        sentence="the torques that moved the arm lead those of the stated law by about"
+        " {value:.0f} ms: the law lacks the rate of its error",
+        remedy="State the law that made the log; a PD has such a lead, its derivative per gain",
+        undo=undo.in_time,
+        evidence=undo.lead_over_law,
+        against=8.0,
+        unit="ms",
+    ),
     Hypothesis(
         name="late counts",
         sentence="the positions are late against the torques by about {value:.0f} ms",

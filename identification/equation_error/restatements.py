@@ -165,7 +165,12 @@ def late_positions(equation, joints, size):
 
 def torques_lateness(equation, joints):
     """Times [ms] by which torques may be late, and how much closer each joint follows then."""
-    return _latenesses(equation, joints, 1)
+    return [] if equation.commanded else _latenesses(equation, joints, 1)
+
+
+def lead_over_law(equation, joints):
+    """The same of a law's torques, where none were logged: those of the machine lead them."""
+    return _latenesses(equation, joints, 1) if equation.commanded else []
 
 
 def positions_lateness(equation, joints):

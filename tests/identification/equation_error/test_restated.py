@@ -266,9 +266,18 @@ def test_no_unit_leaves_a_motion_of_a_degree():
     assert contradictions(equation) == ()
 
 
-@pytest.mark.parametrize(("name", "sign"), [("late torques", 1), ("late counts", -1)])
-def test_columns_that_are_late_by_some_samples_are_named(name, sign):
-    equation = bodied()
+@pytest.mark.parametrize(
+    ("name", "sign", "commanded"),
+    [
+        ("late torques", 1, False),
+        ("late counts", -1, False),
+        # No column of torques can be late that was not logged: the law lags.
+        ("law without rate", 1, True),
+        ("late counts", -1, True),
+    ],
+)
+def test_columns_that_are_late_by_some_samples_are_named(name, sign, commanded):
+    equation = dataclasses.replace(bodied(), commanded=commanded)
     period = equation.rig.period
     late = np.roll(equation.torque, sign * round(0.02 / period), axis=0)
     cause, *_ = contradictions(equation.with_torque(late))
