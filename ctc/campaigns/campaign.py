@@ -1,13 +1,18 @@
 """Many independent tasks by name: results as they come, named failures, a folder to resume from."""
 
+import copyreg
 import functools
 import inspect
 import itertools
+import pickle
+import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sized
 from dataclasses import dataclass
 from pathlib import Path
-from types import CellType
+from types import CellType, MappingProxyType
 from typing import Any, cast
+
+import numpy as np
 
 from ctc.campaigns.ledger import InMemory, Ledger
 from plant.parts import Piece, Shown, Table, Verdict, known_options, progress_bar, whole
@@ -17,8 +22,21 @@ from plant.simulation.executors import Executor, finished, reason
 
 Tasks = Mapping[str, tuple[Any, ...]] | Iterable[tuple[str, tuple[Any, ...]]]
 
-# Advice of every message about a task that has another form.
+# The advice that ends every message about a task of a wrong form.
 _FORM = "Give {name: (function, args, kwargs)}, or pairs of these, such as ('a', (f, (1,), {}))."
+
+# What a function does, without the places of its lines in a file.
+_CODE = (
+    "code",
+    "consts",
+    "names",
+    "varnames",
+    "flags",
+    "argcount",
+    "posonlyargcount",
+    "kwonlyargcount",
+    "exceptiontable",
+)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -41,7 +59,7 @@ class Campaign(Shown):
 
     def _shown(self) -> Iterator[Piece]:
         yield Verdict(self._short())
-        # A screen of failures: a campaign of a million may have as many.
+        # The first twenty fit on a screen: a campaign may have a million failures.
         rows = list(itertools.islice(self.errors.items(), 20))
         if rows:
             yield Table(("failed", "why"), rows, words=(1,))
@@ -68,14 +86,15 @@ def campaign(
         A `concurrent.futures.Executor`, a Dask ``Client``, or a function that makes one, which is
         called again when a worker was killed. By default threads, one per core.
     folder : str or Path, optional
-        Folder of the results: those that have `save` in files of their own, plain values and arrays
-        as JSON in ``ledger.sqlite``. A later call with the same tasks in the same order, and maybe
-        more after them, does the unfinished ones. Memory then does not grow with the number of
-        tasks.
+        Folder of the results. A result that has `save` goes into a file of its own; plain values
+        and arrays go as JSON into ``ledger.sqlite``. A later call with the same tasks in the same
+        order, and maybe more after them, does the unfinished ones. With a folder, memory does not
+        grow with the number of tasks.
     retries : int
         Number of further attempts of a task that fails, or kills its worker.
     each : callable, optional
-        Called with name and result of each task that ends, not of those that the folder held.
+        Called with the name and result of each task that succeeds in this call; not for a task that
+        fails, nor for one whose result the folder held.
     progress : bool
         Show a progress bar, with the time left, where standard error is a terminal.
 
@@ -87,15 +106,16 @@ def campaign(
     Raises
     ------
     ValueError
-        Bad input; a folder of other tasks, another version or processor, or in use by another
-        campaign; a folder that is full; an executor that is closed, or whose workers were killed
-        where no function makes another.
+        Bad input; a folder that holds other tasks, was made by another version or processor, is in
+        use by another campaign, or is full; an executor that is closed, or whose workers were
+        killed, unless `executor` is a function that makes another.
 
     Notes
     -----
-    Results do not depend on the number of workers. Arguments that a file can hold are compared with
-    those of a folder value by value; functions by their text and the values they hold; other
-    objects by class and attributes.
+    Results do not depend on the number of workers. A folder compares its tasks with those of a
+    later call: arguments that a file can hold by value, functions by their text and the values that
+    they hold, other objects by what a pickle holds. What cannot be compared, such as an open file,
+    is refused.
 
     See Also
     --------
@@ -111,6 +131,11 @@ def campaign(
     ZeroDivisionError: integer division or modulo by zero
     """
     retries = whole("retries", retries, "Give 0 or more.", least=0)
+    # Otherwise it is met after the first task, which may take hours.
+    if each is not None and not callable(each):
+        raise ValueError(
+            f"each must be a function; got {each!r:.60}. Give one that takes a name and a result."
+        )
     # A text is iterable, too: its letters would be refused one by one.
     if not isinstance(tasks, Iterable) or isinstance(tasks, str):
         raise ValueError(
@@ -137,8 +162,8 @@ def campaign(
             if error is not None:
                 ledger.failed(number, name, reason(error))
             elif each is not None:
-                # A failed task also counts as ended.
                 each(name, result)
+            # The bar counts failed tasks, too.
             bar.update()
     return Campaign(results=ledger.ended("done"), errors=ledger.ended("failed"))
 
@@ -179,32 +204,39 @@ def _checked(pair: Any) -> tuple[str, Any]:
 
 
 class _Fingerprints:
-    """SHA-256 of tasks; that of a frozen value which comes again with the next task is reused."""
+    """SHA-256 of tasks; a frozen value that came recently is not fingerprinted again."""
 
     def __init__(self) -> None:
-        # Id -> (value, fingerprint) of the frozen values used last. The value itself is held, so
-        # that no other object gets its id.
+        # Id -> (value, fingerprint) of the frozen values fingerprinted last. The value itself is
+        # held, so that no other object gets its id.
         self._recent: dict[int, tuple[Any, Any]] = {}
-        # Ids of the objects being described: one that holds itself ends there.
+        # Fingerprints of the functions and classes of modules.
+        self._fixed: dict[Any, str] = {}
+        # Ids of the objects being described: one that holds itself is not described again.
         self._within: list[int] = []
 
     def of(self, call: Any) -> str:
         function, args, kwargs = call
-        text = self._described(function)
-        values = [self._value(value) for value in args]
-        named = {name: self._value(value) for name, value in kwargs.items()}
-        return fingerprint((text, *values, named))
+        return self._described((function, tuple(args), dict(kwargs)))
 
     def _value(self, value: Any) -> Any:
-        if value is None or isinstance(value, bool | int | float | str):
+        if value is None or type(value) in (bool, int, float, str):
             return value
         # Only what cannot change may be reused.
+        if _of_module(value):
+            if value not in self._fixed:
+                self._fixed[value] = self._described(value)
+            return self._fixed[value]
         frozen = field_names(type(value)) is not None
         if frozen and id(value) in self._recent:
             return self._recent[id(value)][1]
+        # Of other classes a file does not hold all, such as the default of a defaultdict.
+        in_file = frozen or type(value) is np.ndarray or isinstance(value, np.generic)
         try:
-            digest = fingerprint(value)
+            digest = fingerprint(value) if in_file else self._described(value)
         except ValueError:
+            if not in_file:
+                raise
             # No file can hold it.
             digest = self._described(value)
         if frozen:
@@ -214,42 +246,89 @@ class _Fingerprints:
         return digest
 
     def _described(self, thing: Any) -> str:
-        """Fingerprint of a function by its text and the values it holds, else of an object.
-
-        A method holds its object, a closure its variables, a `partial` its arguments; an object is
-        its class and attributes.
-        """
+        """Description of a thing by the values that it consists of."""
         if id(thing) in self._within:
-            return ""
-        # A `partial` and a method are called as their function with more arguments.
+            # How far out it is, since it may hold others that hold it.
+            return f"{len(self._within) - self._within.index(id(thing))} further out"
         self._within.append(id(thing))
         try:
-            if isinstance(thing, functools.partial):
-                return self.of((thing.func, thing.args, thing.keywords))
-            # Two closures of one text differ by the values that they hold.
-            if inspect.ismethod(thing):
-                return self.of((thing.__func__, (thing.__self__,), {}))
-            if inspect.isfunction(thing) and (
-                thing.__closure__ or thing.__defaults__ or thing.__kwdefaults__
-            ):
-                # An empty cell belongs to a variable that is not assigned yet.
-                cells = [
-                    cell.cell_contents for cell in thing.__closure__ or () if cell != CellType()
-                ]
-                values = (_text_of(thing), *cells, *(thing.__defaults__ or ()))
-                return self.of((type(thing), values, thing.__kwdefaults__ or {}))
-            if inspect.isroutine(thing) or inspect.isclass(thing):
-                return _text_of(cast(Any, thing))
-            return self.of((type(thing), (), getattr(thing, "__dict__", {})))
+            values = [self._value(part) for part in _parts(thing)]
         finally:
             self._within.pop()
+        if type(thing) in (set, frozenset):
+            # Each process has another order of the texts in a set.
+            values.sort(key=repr)
+        return fingerprint((type(thing).__name__, *values))
+
+
+def _of_module(thing: Any) -> bool:
+    """Whether this is the function or class of its name in its module, as fixed as its text."""
+    if not inspect.isfunction(thing) and not inspect.isclass(thing):
+        return False
+    return getattr(sys.modules.get(thing.__module__), thing.__qualname__, None) is thing
+
+
+def _parts(thing: Any) -> Iterable[Any]:
+    """Values that describe a thing.
+
+    A function is described by its text, its code and the values that it holds; a class by its
+    text, or its name where it is compiled; another object by what a copy is made of.
+    """
+    if type(thing) in (tuple, list, set, frozenset):
+        return cast(Iterable[Any], thing)
+    if type(thing) in (dict, MappingProxyType):
+        return cast(Iterable[Any], thing.items())
+    if type(thing) is bytes:
+        return (thing.hex(),)
+    if inspect.ismodule(thing):
+        return (thing.__name__,)
+    if inspect.iscode(thing):
+        # Functions of one line, and those without a text, differ in their code alone.
+        return (_text_of(thing), *(getattr(thing, f"co_{name}") for name in _CODE))
+    if inspect.isfunction(thing):
+        # An empty cell belongs to a variable that is not assigned yet.
+        cells = [cell.cell_contents for cell in thing.__closure__ or () if cell != CellType()]
+        return thing.__code__, cells, thing.__defaults__, thing.__kwdefaults__, vars(thing)
+    if inspect.ismethod(thing):
+        return thing.__func__, thing.__self__
+    if inspect.isclass(thing):
+        text = _text_of(cast(Any, thing))
+        name = f"{thing.__module__}.{thing.__qualname__}"
+        if _of_module(thing) and (text or thing.__module__ != "__main__"):
+            return (text or name,)
+        # A class that was typed in has nothing but its methods; those of a class that a function
+        # makes hold variables of that function.
+        return (text or name, *filter(inspect.isfunction, vars(thing).values()))
+    if hasattr(thing, "py_func"):
+        # Each process gives another number to a function that numba compiles.
+        return thing.py_func, thing.targetoptions
+    if isinstance(thing, functools._lru_cache_wrapper):
+        return (thing.__wrapped__,)
+    return _copied(thing)
+
+
+def _copied(thing: Any) -> Iterable[Any]:
+    """What a copy of an object is made of, as in a pickle."""
+    reduce = copyreg.dispatch_table.get(type(thing))
+    try:
+        made = reduce(thing) if reduce else thing.__reduce_ex__(2)
+        # The name of a compiled function; pickle refuses a name that means another object.
+        if isinstance(made, str):
+            return (pickle.dumps(thing, 2),)
+    # The classes of others may raise anything here.
+    except Exception:
+        raise ValueError(
+            "tasks of a folder must hold what a later call can compare; got a value of type"
+            f" {type(thing).__name__}. Leave it out of them, or give no folder."
+        ) from None
+    # Items of lists and dictionaries of other classes come as iterators.
+    return [list(part) if isinstance(part, Iterator) else part for part in made]
 
 
 @functools.lru_cache(maxsize=256)
-def _text_of(function: Any) -> str:
-    """Source text of a function or class; its name where it has none, as compiled ones."""
+def _text_of(thing: Any) -> str:
+    """Source text of a code object or class; "" where it is compiled or has no source."""
     try:
-        return inspect.getsource(inspect.unwrap(function))
+        return inspect.getsource(thing)
     except (OSError, TypeError):
-        name = getattr(function, "__qualname__", type(function).__qualname__)
-        return f"{getattr(function, '__module__', '')}.{name}"
+        return ""

@@ -1,11 +1,12 @@
 """Differences between runs of one machine: agreement of their fits, and a variance that they share.
 
-Friction warms up, a cable lies elsewhere: each run has values of its own, about those of the
-machine. Of each group of parameters (f, viscous and Coulomb friction, offsets) the variance between
-runs is that of a one-way model of random effects, by restricted maximum likelihood over the
-parameters of the group, whose scatter within a run is known from noise and blocks. Friction and
-gears differ relative to their size, the rest in standard deviations of one run. The common fit is
-moved by each run: a run that hardly determines a value hardly moves it.
+Friction warms up, a cable lies elsewhere: each run has values of its own, which scatter about those
+of the machine. Each group of parameters (f, viscous and Coulomb friction, offsets) has one variance
+between runs. It is that of a one-way model of random effects, by restricted maximum likelihood over
+the parameters of the group; their scatter within a run is known from noise and blocks. Friction and
+gears differ relative to their size, the rest in standard deviations of one run. For the common fit,
+the model is one of the changes that each run makes to a common value: a run that hardly determines
+a value hardly changes it.
 
 Sources: W. G. Cochran, The combination of estimates from different experiments, Biometrics 10, 1954
 (agreement); G. Knapp, J. Hartung, Improved tests for a random effects meta-regression, Statistics
@@ -46,16 +47,18 @@ class BetweenRunsSettings:
     Parameters
     ----------
     shown : float
-        Least information of a direction that a run shows, relative to the largest; also the largest
-        share of a value that may lie in directions it does not show. Chosen by hand: rounding.
+        Least information of a direction that a run determines, relative to the largest of that
+        run; also the largest share of a value that may lie in the other directions. Chosen by
+        hand, above rounding errors.
     disagree : float
-        Probability that the intervals of a parameter are called apart where only noise makes runs
-        differ.
+        Probability that the intervals of a parameter are said to disagree where only noise makes
+        runs differ.
     exact : float
-        Least standard deviation, relative to the torque: the fit of a noiseless log. Chosen by
-        hand.
+        Least standard deviation of a value, relative to the torque: it replaces that of a log
+        without noise, which would be zero. Chosen by hand.
     share : float
-        Least share of a run in a common value that says anything of it; chosen by hand.
+        Least share of a run in a common value, relative to the mean of all runs: a run with less
+        does not determine the value. Chosen by hand.
     further : int
         Most further logs that are counted; chosen by hand.
     shown_difference : float
@@ -98,10 +101,11 @@ class BetweenRuns(Shown, Frozen):
         Standard deviation between logs of each value, 0 where it is not compared; and degrees of
         freedom of that.
     further : int
-        Further logs that would halve the intervals of the common fit (of half of its values).
+        Number of further logs that would halve the intervals of half of the values of the common
+        fit, those of `never` left out; 1000 stands for 1000 or more, 0 for no number of logs.
     never : int
-        Values that are left out of this, since what a rig may state wrongly makes half or more of
-        their intervals.
+        Number of values whose intervals no number of further logs would halve: what a rig may state
+        wrongly makes half or more of each.
     """
 
     values: Floats
@@ -124,14 +128,14 @@ class BetweenRuns(Shown, Frozen):
         added: Floats,
         common: Floats,
     ) -> Self:
-        """Differences from the values of each run and the variances of their mean.
+        """Differences from the values of each run and the variances of the common fit.
 
-        `estimates`, `std` (R, k): of each run. `within`, `added`, `common` (k,): the parts of the
-        variance.
+        `estimates`, `std` (R, k): of each run. `apart`: `groups`, `deviation` and `freedom`.
 
-        That of each run alone, what differs between runs, and what no further log reduces.
+        `within`, `added`, `common` (k,): the parts of the variance, from the scatter within runs,
+        from what differs between runs, and from what no further log reduces.
         """
-        # Half of an interval is a quarter of its variance: no further log takes away `common`.
+        # Half of an interval is a quarter of its variance: what is left, `common`, must be less.
         reducible = np.flatnonzero(common < 0.25 * (within + added + common))
         further = 0
         if reducible.size:
@@ -156,13 +160,19 @@ class BetweenRuns(Shown, Frozen):
 
     @property
     def half_width(self) -> Floats:
-        """Of the 95 % intervals (R, k) of each log's values, with the deviation between logs."""
+        """Half-widths (R, k) of the 95 % intervals of each log's values.
+
+        They include the deviation between logs.
+        """
         between = self.deviation * wider(self.freedom)
         return NORMAL * np.sqrt(self.std**2 + between**2)
 
     @property
     def left_out(self) -> str:
-        """Clause of messages on logs that alone determine nothing: "" where there are none."""
+        """Clause of messages on logs that are left out; "" where there are none.
+
+        A log is left out if it alone does not determine all values.
+        """
         count = int(np.isnan(self.std).all(axis=1).sum())
         return f", but for {count} that alone do{'es' * (count == 1)} not tell all" if count else ""
 
@@ -199,7 +209,11 @@ class BetweenRuns(Shown, Frozen):
             f" {len(self.agree)}"
         )
         logs = f"{self.further} further log{'s' * (self.further != 1)}"
-        logs = "no number of further logs" if self.never == len(self.agree) else logs
+        # More are not tried.
+        if self.further == SETTINGS.further:
+            logs = f"{self.further} or more further logs"
+        elif not self.further:
+            logs = "no number of further logs"
         yield (
             f"{logs} would halve the intervals; what differs between runs is in"
             f" them{f'; {fixed}' * bool(self.never)}"
@@ -229,13 +243,13 @@ def between_runs(
     blocks: Integers,
     common: Floats | float = 0.0,
 ) -> tuple[BetweenRuns, Floats]:
-    """Differences between the logs of a weighted fit, and the covariance with them.
+    """Differences between the logs of a weighted fit, and the covariance that includes them.
 
     The covariance (k, k) is that of the values of the fit.
 
-    `values` (k,), `noise` (k, k): of the fit, and covariance by noise alone. `rows` (M, k),
-    `residual` (M,): weighted. `runs`, `blocks` (M,): log, and block of a log, of each row, from 0;
-    -1 of rows of no log. `common` (k,): variance that no further log reduces.
+    `values` (k,): of the fit. `noise` (k, k): their covariance by noise alone. `rows` (M, k),
+    `residual` (M,): weighted. `runs`, `blocks` (M,): numbers of the log and of the block of each
+    row, from 0; -1 for rows of no log. `common` (k,): variance that no further log reduces.
     """
     # 1. Each run alone, and the covariance from blocks: noise may be correlated within them.
     scale = np.sqrt((rows * rows).sum(axis=0))
@@ -260,7 +274,8 @@ def between_runs(
     for name, at in groups_of(names, alone.std).items():
         size = size_of(name, values[at], std[:, at])
         share = np.abs(alone.share[:, at])
-        # Changes of other values move it more than its own: so they are as large as within a run.
+        # In the other groups, a run changes a common value more by its other values than by its own
+        # one. So the unit is the scatter of these changes within a run, and all runs count alike.
         if name not in RELATIVE:
             size = np.sqrt(inside[:, at].mean(axis=0))
             share = np.ones_like(share)
@@ -306,8 +321,8 @@ def _alone(values, rows, residual, runs, blocks):
 
         # 3. Values that lie in directions it does not show are not its own.
         hidden = (axes[:, ~shown] ** 2).sum(axis=1) > SETTINGS.shown
-        # Information of this run relative to that of all runs, times their number: 1 if all are
-        # alike.
+        # Information of this run relative to that of all rows, times the number of runs: 1 if all
+        # runs are alike and every row belongs to one.
         share[run] = count * np.diag(np.linalg.solve(common, information))
         hidden |= np.abs(share[run]) < SETTINGS.share
         estimates[run, hidden] = np.nan
@@ -316,7 +331,7 @@ def _alone(values, rows, residual, runs, blocks):
 
 
 def _agree(estimates, std):
-    """Values (k,) of runs (R, k) that differ by no more than their intervals allow: Cochran's Q."""
+    """Whether the values (k,) of runs (R, k) agree within their intervals, by Cochran's Q."""
     from scipy.special import chdtri
 
     # A run that does not determine a value has no weight in its mean, and no degree of freedom.
@@ -329,9 +344,9 @@ def _agree(estimates, std):
 
 
 def _further(within, between, freedom, count, common=0.0):
-    """Logs beside `count` that halve the standard deviations of half of the values.
+    """Number of logs beyond `count` that halve the standard deviations of half of the values.
 
-    Further logs count as alike to these.
+    Further logs are taken to be like these. Where no smaller number does, `SETTINGS.further`.
     """
     # By trying: Student's quantile has no inverse in the number of logs.
     for logs in range(count + 1, count + SETTINGS.further):

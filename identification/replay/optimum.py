@@ -1,7 +1,7 @@
 """Least-squares optimum of an extended model, and the residual orthogonal to its parameters.
 
-Compliance and backlash do not act linearly there: trials with several values of each are simulated,
-and the residuals that remain orthogonal to the parameters are compared.
+The innovations do not depend linearly on compliance and backlash: several values of each are
+simulated, and the parts of the residuals that are orthogonal to the parameters are compared.
 """
 
 import functools
@@ -23,7 +23,7 @@ from identification.replay.gauss_newton import (
 from plant.parts import Floats, frozen, frozen_settings
 from plant.parts.sums import dot, norm, product
 
-# The log is near its optimum before: the full step is tried alone, all shorter ones after it.
+# The start is near the optimum: the full step is tried alone, then all shorter ones together.
 _SETTINGS = GaussNewtonSettings(rounds=6, tolerance=1e-4, batches=(1, 7), longest=True)
 
 _LENGTHS = 0.5 ** np.arange(8)  # of a step towards an estimate
@@ -33,10 +33,11 @@ _LENGTHS = 0.5 ** np.arange(8)  # of a step towards an estimate
 class Optimum:
     """Least sum of squared innovations of an extended model.
 
-    `values` (k,), `step` (k,) of their differences. `innovations` (M,): weighted. `rates` (v, M):
-    their changes per step of the varied unknowns. `basis` (r, v): orthonormal combinations of these
-    changes, without unknowns that would leave their bounds. `unknown`: how many of the varied
-    unknowns, the first, are not observer gains.
+    `values` (k,). `step` (k,): of their central differences, 0 for an unknown that is not varied.
+    `innovations` (M,): weighted. `rates` (v, M): their changes per step of the varied unknowns.
+    `basis` (r, v): combinations of these changes that are orthonormal, without unknowns that would
+    leave their bounds. `unknown`: number of varied unknowns that are neither observer gains nor
+    extra numbers; they come first.
     """
 
     model: Extended
@@ -65,12 +66,12 @@ class Optimum:
         return np.asarray(directions - product(coefficients.T, self.rates))
 
     def towards(self, moves: Floats, change: Floats, bounds: Floats) -> Floats:
-        """Step (k,) on the way to an estimate that follows the log best.
+        """Of shorter and shorter steps (k,) to an estimate, the one that follows the log best.
 
-        The varied unknowns adapt to it.
+        The varied unknowns adapt to the estimate.
 
-        `moves` (k,): to the estimate, which change the innovations by `change` (M,) where they are
-        small; where joints stick, an estimate may be far too large.
+        `moves` (k,): the full step. It changes the innovations by `change` (M,) if it is small;
+        where joints stick, it may be far too large.
         """
         # The varied unknowns take back the part of the change that they can make as well.
         moves = moves.copy()
@@ -81,8 +82,8 @@ class Optimum:
         return nearest(self.model, vectors) - self.values
 
     def unit(self, residual: Floats) -> float:
-        """Variance of a residual (M,) and of known rounding, inflated by its autocorrelation."""
-        # Another arm's encoder may round elsewhere: knowing the rounding makes no test sharper.
+        """Variance of a residual (M,) plus known rounding, inflated by their autocorrelation."""
+        # Another arm's encoder may round elsewhere: a test must not gain from the known rounding.
         residual = residual + self.model.rounding
         return float((residual**2).sum()) / self._readings * variance_inflation(residual)
 
@@ -92,11 +93,11 @@ class Optimum:
         return float((self.model.weights**2).sum())
 
     def evidence_unit(self, residual: Floats) -> float:
-        """The same for the evidence of a cause: an error of the model repeats along a motion.
+        """Unit of the evidence of a cause: `unit`, and more for errors that repeat along a motion.
 
-        So what is not rounding counts for a limited number of independent errors, however many
-        samples a log has; and for fewer what a torque may be between its samples, which a loop
-        repeats wherever it chatters.
+        What is not rounding counts as `TRIALS.independent` independent errors, however many samples
+        a log has. What a torque may be between its samples counts as only `TRIALS.chatter` errors:
+        a loop that chatters repeats them.
         """
         repeated = self.beyond_rounding(residual) / TRIALS.independent
         return self.unit(residual) + repeated + self.model.between / TRIALS.chatter
@@ -126,7 +127,8 @@ class Optimum:
 def nearest(model: Extended, vectors: Sequence[Floats] | Floats) -> Floats:
     """Of several vectors of values (k,), the one that follows the log best."""
     squares = [(innovations**2).sum() for innovations in model.all_innovations(vectors)]
-    return np.asarray(vectors[int(np.argmin(squares))])
+    # Not argmin, which takes NaN, the sum of a vector that diverges, for the least.
+    return np.asarray(vectors[int(np.argsort(squares, kind="stable")[0])])
 
 
 class _Solver:
@@ -160,8 +162,8 @@ def fitted(
 
     A step of zero leaves an unknown as it is.
 
-    Near another optimum, whose varied unknowns are the first of these, its rates are taken as they
-    are; those of the others are made once.
+    `near`: another optimum, whose varied unknowns are the first of these. Its rates are used
+    unchanged; those of the other unknowns are computed once.
     """
     step = step.copy()
     values = np.clip(values, *bounds.T)
@@ -195,9 +197,9 @@ def fitted(
         fixed_slopes=near is not None,
     )
 
-    # An unknown on its bound that would leave it does nothing: its direction is taken out.
+    # An unknown on its bound that would step outwards is held: the basis leaves it out.
     rates = point.slopes.T
-    # A value on its bound counts as free if the others push it inwards.
+    # An unknown on its bound that would step inwards is free.
     basis = solver.of(point.slopes)
     change = within_bounds(
         lambda moving: solver(point.slopes, point.innovations, moving), point.values, step, bounds
@@ -240,11 +242,12 @@ class TrialSettings:
     independent : float
         Independent errors that a model has along a log, at most.
     chatter : float
-        Those that a torque between its samples makes, at most. It was chosen on about twenty right
-        logs: a cause explained up to 0.67 of the squares of such an error there, chi-square 20
-        beside a threshold of 36 or more.
+        Independent errors that a torque between its samples makes, at most. It was chosen on about
+        twenty logs of right models. There a cause explained up to 0.67 of the squares of such an
+        error: a chi-square of 20, where the threshold is 36 or more.
     deviations : float
-        Standard deviations of the sum of squares within which innovations are rounding alone.
+        Innovations are rounding alone if their sum of squares exceeds that of rounding by less than
+        this number of its standard deviations.
     """
 
     resonances: tuple[float, float] = (15.0, 250.0)
@@ -266,8 +269,9 @@ class Trial:
     """Some numbers that the rig leaves out, and their effect on the innovations.
 
     `values`: in the units of `Extended`. `chi_square`: decrease of the sum of squared innovations,
-    in units of their variance; negative where it grows. `explained`: the same [pulses^2]. `effect`:
-    sum of squares of the change, in the same units: chi-square of a log that has them.
+    in evidence units; negative where the sum grows. `explained`: this decrease [pulses^2].
+    `effect`: sum of squares of the change of the innovations, in evidence units of the optimum: the
+    chi-square of a log whose rig has these numbers.
     """
 
     values: dict[str, float]
@@ -299,7 +303,7 @@ def compliance(at: Optimum, suspicious: float) -> list[Trial]:
         trials += _tried(
             at, [{f"compliance[{i}]": hz**-2 for i in group} for group in groups for hz in spaced]
         )
-        # The effect of a resonance is wider than their distance: a peak shows beside it.
+        # A resonance has an effect at its neighbours, too: a peak between two trials shows at both.
         if not any(trial.chi_square > suspicious for trial in trials):
             break
     return trials

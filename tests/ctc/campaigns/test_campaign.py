@@ -3,6 +3,7 @@ what is not theirs.
 """
 
 import functools
+import operator
 import os
 import sqlite3
 import subprocess
@@ -10,6 +11,7 @@ import sys
 import threading
 import time
 import tracemalloc
+from collections import defaultdict
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
@@ -115,9 +117,7 @@ def test_results_in_a_folder_come_back_as_they_were(tmp_path):
 
 
 def test_what_no_file_can_hold_is_named(tmp_path):
-    done = run(
-        {"a": (_same, (threading.Lock(),), {}), "b": (work.square, (2,), {})}, folder=tmp_path
-    )
+    done = run({"a": (threading.Lock, (), {}), "b": (work.square, (2,), {})}, folder=tmp_path)
     assert done.results["b"] == 4
     assert "must be kept in a file" in done.errors["a"]
 
@@ -235,6 +235,143 @@ def test_functions_that_hold_other_numbers_are_other_work(tmp_path, of):
         campaign({"a": (of(4), (2,), {})}, folder=tmp_path, progress=False)
 
 
+class Slotted:
+    __slots__ = ("factor",)
+
+    def __init__(self, factor):
+        self.factor = factor
+
+    def __call__(self, x):
+        return self.factor * x
+
+
+def double(function):
+    @functools.wraps(function)
+    def wrapper(x):
+        return 2 * function(x)
+
+    return wrapper
+
+
+def triple(function):
+    @functools.wraps(function)
+    def wrapper(x):
+        return 3 * function(x)
+
+    return wrapper
+
+
+def cached(factor):
+    return functools.lru_cache(lambda x: factor * x)
+
+
+def local(factor):
+    class Local:
+        def __call__(self, x):
+            return factor * x
+
+    return Local()
+
+
+def typed_in(text):
+    """A function without source text, as of an interactive session."""
+    return eval(text, {})  # noqa: S307 - texts of this file
+
+
+def first_of(functions, x):
+    return functions[0](x)
+
+
+def holding(functions):
+    return lambda x: functions[0](x)
+
+
+def negative(x):
+    return -x
+
+
+TWICE, THRICE = (lambda x: 2 * x), (lambda x: 3 * x)
+
+
+@pytest.mark.parametrize(
+    ("one", "other"),
+    [
+        ((first_of, ([abs], -2)), (first_of, ([negative], -2))),
+        ((first_of, ({0: abs}, -2)), (first_of, ({0: negative}, -2))),
+        ((holding([abs]), (-2,)), (holding([negative]), (-2,))),
+        ((functools.partial(first_of, (abs,)), (2,)), (functools.partial(first_of, (int,)), (2,))),
+        ((operator.itemgetter(0), ("ab",)), (operator.itemgetter(1), ("ab",))),
+        ((np.sin, (1,)), (np.cos, (1,))),
+        ((Slotted(2), (1,)), (Slotted(3), (1,))),
+        (({"x": 1}.get, ("x",)), ({"x": 2}.get, ("x",))),
+        ((cached(2), (1,)), (cached(3), (1,))),
+        ((double(negative), (1,)), (triple(negative), (1,))),
+        ((local(2), (1,)), (local(3), (1,))),
+        ((TWICE, (1,)), (THRICE, (1,))),
+        ((typed_in("lambda x: 2 * x"), (1,)), (typed_in("lambda x: 3 * x"), (1,))),
+        ((typed_in("lambda x: abs(x)"), (1,)), (typed_in("lambda x: str(x)"), (1,))),
+        ((str, (Path("a"),)), (str, (Path("b"),))),
+        ((len, (b"a",)), (len, (b"ab",))),
+        ((len, ({"a"},)), (len, ({"a", "b"},))),
+        ((len, (defaultdict(int),)), (len, (defaultdict(str),))),
+    ],
+)
+def test_work_that_differs_in_what_it_holds_gives_no_result_of_the_other(tmp_path, one, other):
+    """The folder knows the same work again, and refuses the other."""
+    for _ in range(2):
+        done = run({"a": (*one, {})}, folder=tmp_path)
+        assert not done.errors
+    with pytest.raises(ValueError, match="other work of this name"):
+        run({"a": (*other, {})}, folder=tmp_path)
+
+
+def test_work_is_the_same_in_every_process(tmp_path):
+    """A set has another order there, and a function that numba compiles another number."""
+    script = tmp_path / "script.py"
+    script.write_text(
+        "import sys\n"
+        "import numba\n"
+        "from ctc import campaign\n"
+        "@numba.njit\n"
+        "def twice(x):\n"
+        "    return 2 * x\n"
+        "tasks = {\n"
+        "    'a': (twice, (1,), {}),\n"
+        "    'b': (len, ({'a', 'b', 'c', 'd', 'e'},), {}),\n"
+        "    'c': (lambda x: x in {'a', 'b', 'c', 'd', 'e'}, ('a',), {}),\n"
+        "}\n"
+        "done = campaign(tasks, folder=sys.argv[1], progress=False)\n"
+        "assert len(done.results) == 3\n"
+    )
+    for seed in "12":
+        subprocess.run(  # noqa: S603 - the script above
+            [sys.executable, script, tmp_path / "folder"],
+            env={**os.environ, "PYTHONPATH": os.getcwd(), "PYTHONHASHSEED": seed},
+            check=True,
+        )
+
+
+def test_an_object_that_holds_itself_is_known_again(tmp_path):
+    ring = []
+    ring.append(ring)
+    for _ in range(2):
+        assert run({"a": (len, (ring,), {})}, folder=tmp_path).results["a"] == 1
+
+
+def test_what_a_later_call_cannot_compare_is_refused(tmp_path):
+    tasks = {"a": (sum, ((i for i in range(3)),), {})}
+    with pytest.raises(ValueError, match=r"tasks of a folder must hold .* type generator"):
+        run(tasks, folder=tmp_path)
+    assert run(tasks).results == {"a": 3}
+
+
+def test_each_is_called_with_successes_alone():
+    names = []
+    tasks = {"a": (work.square, (3,), {}), "b": (work.failing, (3,), {})}
+    run(tasks, each=lambda name, result: names.append(name))
+    assert names == ["a"]
+
+
 def test_a_folder_answers_what_is_asked_and_makes_anew_what_was_deleted(tmp_path):
     tasks = {name: (puma560.rig, (), {}) for name in "abc"}
     campaign(tasks, folder=tmp_path, progress=False)
@@ -310,6 +447,7 @@ def test_a_folder_that_fills_loses_nothing(tmp_path, monkeypatch):
         ({}, {"executor": 3}, "executor must take calls; got a value of type int"),
         ({}, {"executor": lambda: 3}, "executor must make an executor; it made a int"),
         ({}, {"retries": -1}, "retries must be a whole number"),
+        ([("a", (abs, (1,), {}))], {"each": 1}, "each must be a function; got 1"),
     ],
 )
 def test_bad_input_is_one_line(tasks, options, said, tmp_path):

@@ -115,6 +115,25 @@ def test_what_no_further_log_reduces_is_told():
     assert "no number of further logs would halve the intervals" in " ".join(str(every).split())
 
 
+def test_a_number_of_logs_beyond_the_last_that_was_tried_is_no_fact():
+    rows, residual, runs, blocks, _, mean = one_way(0.0)
+    given = (("a", "b", "c"), mean, np.eye(3) / (RUNS * EACH), rows, residual, runs, blocks)
+    variance = np.diag(between_runs(*given)[1])
+    # So close to a third of the rest that hardly any of it may remain.
+    many = between_runs(*given, 0.3333 * variance)[0]
+    assert many.further == 1000
+    assert "1000 or more further logs would halve" in " ".join(str(many).split())
+
+
+def test_values_that_no_log_halves_stay_so_among_others():
+    rows, residual, runs, blocks, _, mean = one_way(0.0)
+    given = (("a", "b", "c"), mean, np.eye(3) / (RUNS * EACH), rows, residual, runs, blocks)
+    every = between_runs(*given, np.full(3, 9.0))[0].among(np.arange(3), 5)
+    text = " ".join(str(every).split())
+    assert "no number of further logs would halve the intervals" in text
+    assert "3 of the 5" in text
+
+
 def test_rows_of_no_log_count_in_the_fit_alone():
     """A prior as narrow as six logs halves what each of these moves the values by, and what they
     say alone stays.

@@ -34,6 +34,12 @@ def test_orthonormal_directions_make_the_target():
     assert along(made, more, target)[4] == 0
 
 
+def test_a_vector_that_diverges_is_not_the_nearest():
+    rows = {0.0: np.full(3, np.nan), 1.0: np.full(3, 2.0), 2.0: np.ones(3)}
+    model = SimpleNamespace(all_innovations=lambda vectors: [rows[float(x[0])] for x in vectors])
+    np.testing.assert_array_equal(optimum.nearest(model, np.array([[0.0], [1.0], [2.0]])), [2.0])
+
+
 @pytest.fixture(scope="module")
 def model():
     record = simulate(ARM, RIG, puma560.p_law((0.1, 0.08)), PATH, steps_per_sample=16)
