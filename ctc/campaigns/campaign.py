@@ -4,7 +4,7 @@ import copyreg
 import functools
 import inspect
 import itertools
-import pickle
+import operator
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sized
 from dataclasses import dataclass
@@ -312,9 +312,11 @@ def _copied(thing: Any) -> Iterable[Any]:
     reduce = copyreg.dispatch_table.get(type(thing))
     try:
         made = reduce(thing) if reduce else thing.__reduce_ex__(2)
-        # The name of a compiled function; pickle refuses a name that means another object.
+        # The name of a compiled function, which must not mean another object.
         if isinstance(made, str):
-            return (pickle.dumps(thing, 2),)
+            if operator.attrgetter(made)(sys.modules[thing.__module__]) is not thing:
+                raise ValueError(made)
+            return thing.__module__, made
     # The classes of others may raise anything here.
     except Exception:
         raise ValueError(
