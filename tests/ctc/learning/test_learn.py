@@ -104,6 +104,14 @@ def test_certify_takes_what_was_learnt(learnt):
     assert len(certificate.runs.peak) == 8
 
 
+def test_friction_is_uncertain_by_no_more_than_itself(learnt):
+    """Friction of a sample that was less than zero would push."""
+    levels = np.array([learnt.rig.drive.joint_viscous(), learnt.rig.drive.joint_coulomb()])
+    for factor, share in ((0.3, 0.3), (5.0, 1.0)):
+        unsure = dataclasses.replace(learnt, friction_std=factor * levels)
+        assert unsure.uncertainty.friction == pytest.approx(share)
+
+
 def test_the_running_law_adds_the_torque(learnt):
     """Sample by sample as in the simulator."""
     record = simulate(ARM, RIG, learnt.law, PATH, duration=0.05)
