@@ -111,7 +111,7 @@ def _as_json(data: Any) -> str:
     try:
         return json.dumps(data, indent=1, allow_nan=False)
     except ValueError as error:
-        raise AssertionError("an answer must have finite numbers") from error
+        raise RuntimeError("an answer must have finite numbers") from error
 
 
 def _print(text: str) -> None:

@@ -180,17 +180,20 @@ class Worker:
 
     def _read(self, incoming):
         """Keep the answers for their callers, until the process ends."""
-        with incoming, contextlib.suppress(EOFError, OSError):
-            while True:
-                number, answer = incoming.recv()
-                with self._changed:
-                    self._answers[number] = answer
-                    self._changed.notify_all()
-        with self._changed:
-            self._ended = True
-            self._changed.notify_all()
-        # The other thread would wait for a request for ever.
-        self._requests.put(None)
+        try:
+            with incoming, contextlib.suppress(EOFError, OSError):
+                while True:
+                    number, answer = incoming.recv()
+                    with self._changed:
+                        self._answers[number] = answer
+                        self._changed.notify_all()
+        # Also where an answer cannot be read: nobody may wait for one that will not come.
+        finally:
+            with self._changed:
+                self._ended = True
+                self._changed.notify_all()
+            # The other thread would wait for a request for ever.
+            self._requests.put(None)
 
     def _answer(self, job, seconds):
         with self._changed:

@@ -259,7 +259,7 @@ def main():
         picked = random.Random(chosen.seed).sample(every, chosen.seeded)  # noqa: S311
         contexts = contexts_of(chosen.coverage) if chosen.coverage else None
 
-        def tests_of(file, line):
+        def noticing(file, line):
             rooms = rooms_of(tree, file)
             if contexts is None:
                 return rooms
@@ -268,7 +268,7 @@ def main():
             measured = {test.partition("::")[0] for test in contexts.tests}
             return ran + [place for place in rooms if place not in measured]
 
-        picked = [(*change, tests_of(*change[:2])) for change in picked]
+        picked = [(*change, noticing(*change[:2])) for change in picked]
     print(f"{len(picked)} of {len(every)} places in {len(files)} files", flush=True)
     with tempfile.TemporaryDirectory() as folder:
         copies = [Path(folder) / str(i) for i in range(chosen.jobs)]

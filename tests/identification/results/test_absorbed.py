@@ -67,13 +67,22 @@ def test_a_delay_is_corrected_where_no_unknown_can_produce_it():
     assert not any(sign.absorbing for sign in found.diagnostics.detection.named)
 
 
-def test_cogging_of_which_the_log_tells_one_phase_alone_has_the_amplitude_of_that():
-    sign = Sign(
-        name="cogging",
+def significant(name, values, visible):
+    """A test that accepts an effect with these estimates."""
+    return Sign(
+        name=name,
         chi_square=99.0,
-        freedom=3,
+        freedom=len(values),
         threshold=25.0,
         explained=9.0,
+        values=values,
+        visible=visible,
+    )
+
+
+def test_cogging_of_which_the_log_tells_one_phase_alone_has_the_amplitude_of_that():
+    sign = significant(
+        "cogging",
         values={"cogging.1cos[0]": 0.3, "cogging.1sin[0]": 0.4, "cogging.1sin[1]": -0.2},
         visible={"cogging.1cos[0]": 0.1, "cogging.1sin[0]": 0.1, "cogging.1sin[1]": 0.1},
     )
@@ -84,12 +93,8 @@ def test_cogging_of_which_the_log_tells_one_phase_alone_has_the_amplitude_of_tha
 
 def test_a_cause_names_the_joints_that_the_log_shows():
     """Friction of all joints is estimated together; a value that is noise accuses no joint."""
-    sign = Sign(
-        name="gear",
-        chi_square=99.0,
-        freedom=3,
-        threshold=25.0,
-        explained=9.0,
+    sign = significant(
+        "gear",
         values={"gear[0]": 1e-5, "gear[1]": -0.05, "gear[2]": 2e-4},
         visible={"gear[0]": 1e-3, "gear[1]": 1e-3, "gear[2]": 1e-3},
     )
@@ -105,12 +110,8 @@ def test_a_cause_names_the_joints_that_the_log_shows():
 
 @pytest.mark.parametrize(("stated", "size", "unit"), [(0.2, 50.0, "%"), (0.0, 0.1, "N m")])
 def test_friction_has_the_size_of_a_share_of_what_is_stated(stated, size, unit):
-    sign = Sign(
-        name="friction",
-        chi_square=99.0,
-        freedom=1,
-        threshold=25.0,
-        explained=9.0,
+    sign = significant(
+        "friction",
         values={"coulomb[0]": 0.1},
         visible={"coulomb[0]": 0.01},
     )
