@@ -150,11 +150,13 @@ class Hypothesis(Generic[Experiment]):
 
     def __post_init__(self) -> None:
         # Check the fields here, so that the author of the hypothesis sees the error.
-        if not isinstance(self.sizes, tuple) or not self.sizes:
+        sizes = tuple(self.sizes) if isinstance(self.sizes, Iterable) else ()
+        if not sizes:
             raise ValueError(
-                f"hypothesis {self.name!r}: sizes must be a tuple of at least one number; got"
+                f"hypothesis {self.name!r}: sizes must be numbers, at least one; got"
                 f" {self.sizes!r:.60}. Write a single one as (2.0,)."
             )
+        object.__setattr__(self, "sizes", sizes)
         if self.tolerance is not None and not self.tolerance > 0:
             raise ValueError(
                 f"hypothesis {self.name!r}: tolerance must be positive; got {self.tolerance!r:.60}."

@@ -439,6 +439,12 @@ def test_numbers_of_a_hypothesis_are_tried_where_it_is_written(fields):
         Hypothesis(**({"undo": lambda record, joints, size: record} | WORDS | fields))
 
 
+def test_sizes_may_be_a_list_or_a_grid():
+    for sizes in ([1.0, 2.0], np.linspace(1, 2, 2)):
+        row = Hypothesis(undo=lambda record, joints, size: record, sizes=sizes, **WORDS)
+        assert row.sizes == (1.0, 2.0)
+
+
 def test_evidence_that_is_no_number_hides_no_other_cause(record):
     odd = Hypothesis(
         undo=lambda record, joints, size: with_torque(record, 2 * record.torque),
