@@ -2,7 +2,7 @@
 
 import sys
 
-from ctc.commandline.main import main
+from ctc.commandline import main
 
 if __name__ == "__main__":
     arguments = sys.argv[1:]

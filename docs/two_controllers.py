@@ -14,7 +14,7 @@ from PIL import Image
 from ctc import ComputedTorque, evaluate
 from identification import identify
 from plant import puma560, simulate
-from plant.mechanics.newton_euler import joint_positions
+from plant.mechanics import joint_positions
 
 PICTURE = Path(__file__).with_name("images") / "two_controllers.gif"
 TIP = (0.0, -0.43, 0.0)  # end of link 3 in its own frame [m]

@@ -8,29 +8,28 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from identification.equation_error import naming
-from identification.equation_error.excitation import advice, still, unexcited
-from identification.equation_error.law_memory import along_log
-from identification.equation_error.logged_torques import fit_torque
-from identification.equation_error.naming import column_of
-from identification.equation_error.prior import Known, Prior
-from identification.equation_error.pulse_fit import mode_in, over_bands
-from identification.equation_error.regressor import linear
-from identification.equation_error.stated_law import told_by_torque
-from identification.equation_error.torque_logs import torque_of
-from identification.replay.experiment import as_records
-from identification.replay.objective import Objective
-from identification.replay.resonances import DAMPING, STIFFNESS, on_gears
-from identification.search.genetic import GeneticSettings
-from identification.search.methods import METHODS
-from identification.search.problem import Problem, Tolerances
+from identification.equation_error import (
+    Known,
+    Prior,
+    advice,
+    along_log,
+    column_of,
+    fit_torque,
+    linear,
+    mode_in,
+    naming,
+    over_bands,
+    still,
+    told_by_torque,
+    torque_of,
+    unexcited,
+)
+from identification.replay import DAMPING, STIFFNESS, Objective, as_records, on_gears
+from identification.search import METHODS, GeneticSettings, Problem, Tolerances
 from plant import Dynamics, LoggedCurrent, LoggedTorque, Record
-from plant.checkup.innovation import LEAST_MOTION
-from plant.checkup.lost_rows import bridged
-from plant.checkup.oscillation import own_oscillations
-from plant.parts import array, choice, frozen_settings, instance, warn
-from plant.parts.room import require_room
-from plant.simulation.followed_path import with_path
+from plant.checkup import LEAST_MOTION, bridged, own_oscillations
+from plant.parts import array, choice, frozen_settings, instance, require_room, warn
+from plant.simulation import with_path
 
 
 @frozen_settings

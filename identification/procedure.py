@@ -11,27 +11,43 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from identification.equation_error.excitation import advice, from_prior
-from identification.equation_error.naming import record_label
-from identification.equation_error.own_rows import tried
-from identification.equation_error.prior import Prior
-from identification.equation_error.restated import wrong_statements
+from identification.equation_error import (
+    Prior,
+    advice,
+    from_prior,
+    ranked_own_rows,
+    record_label,
+    wrong_statements,
+)
 from identification.preparation import prepare, with_gears
-from identification.results.diagnostics import Diagnostics
-from identification.results.identification import Identification
-from identification.results.summary import doubts, warn_of_doubts
-from identification.results.trust import of_statements
-from identification.search.genetic import GeneticSettings
-from identification.search.memory import placed, repeating
-from identification.search.methods import METHODS
-from identification.search.outcome import Outcome, Search
-from identification.search.problem import Problem, Tolerances
-from plant import Dynamics, Record
-from plant.checkup.hypothesis import Hypothesis, require_rows
-from plant.parts.arguments import instance, known_options
-from plant.parts.checkpoint import Checkpoint
-from plant.parts.messages import ProgressBar, progress_bar, warn
-from plant.parts.saved import versions
+from identification.results import (
+    Diagnostics,
+    Identification,
+    doubts,
+    of_statements,
+    warn_of_doubts,
+)
+from identification.search import (
+    METHODS,
+    GeneticSettings,
+    Outcome,
+    Problem,
+    Search,
+    Tolerances,
+    placed,
+    repeating,
+)
+from plant import Dynamics, Hypothesis, Record
+from plant.checkup import require_rows
+from plant.parts import (
+    Checkpoint,
+    ProgressBar,
+    instance,
+    known_options,
+    progress_bar,
+    versions,
+    warn,
+)
 
 
 @known_options
@@ -213,7 +229,7 @@ def _with_hypotheses(
     """Identify, and rank a user's own hypotheses; a refusal begins with the likeliest of them."""
     if not hypotheses:
         return _identified(problem, bar, started)
-    causes, failed = tried(problem.dynamics, problem.records[0], hypotheses)
+    causes, failed = ranked_own_rows(problem.dynamics, problem.records[0], hypotheses)
     try:
         result = _identified(problem, bar, started)
     except ValueError as error:

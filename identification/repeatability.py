@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from identification.procedure import identify
-from identification.results.identification import Identification
+from identification.results import Identification
 from plant import Dynamics, Record
 from plant.parts import (
     Aside,
@@ -23,7 +23,7 @@ from plant.parts import (
     array,
     frozen,
 )
-from plant.simulation.executors import mapped
+from plant.simulation import mapped
 
 
 def alteration(f: ArrayLike) -> Floats:

@@ -435,3 +435,87 @@ def test_a_state_has_names_not_places():
 )
 def test_the_scan_sees_a_place(code, lines):
     assert list(places_by_number(ast.parse(code))) == lines
+
+
+# -- faces ---------------------------------------------------------------------------------------
+PROJECT = [
+    *SOURCES,
+    *(p for name in ("tests", "examples", "docs") for p in (ROOT / name).rglob("*.py")),
+]
+# Formats of logs run in a process of their own, without the rest of the library.
+WITHOUT_FACE = "plant.logs.formats"
+
+
+def folder_of(module):
+    """The folder that a module lies in; a folder's own name stands for its face."""
+    while not (ROOT / module.replace(".", "/")).is_dir():
+        module = module.rpartition(".")[0]
+    return module
+
+
+def names_from_other_folders(source, module=""):
+    """(line, module, name) of what a source imports from the three packages, not its own folder."""
+    home = folder_of(module) if module else ""
+    for node in ast.walk(ast.parse(source)):
+        origin = node.module or "" if isinstance(node, ast.ImportFrom) else ""
+        ours = origin.split(".")[0] in PACKAGES
+        if ours and folder_of(origin) not in (home, WITHOUT_FACE):
+            yield from ((node.lineno, origin, name.name) for name in node.names)
+
+
+def past_a_face(source, module=""):
+    """(line, module, name) of what is imported from a file, although its folder has a face."""
+    return [
+        (line, origin, name)
+        for line, origin, name in names_from_other_folders(source, module)
+        if origin.count(".") > 1 and origin != folder_of(origin) and name != "SETTINGS"
+    ]
+
+
+def module_of(path):
+    relative = path.relative_to(ROOT).with_suffix("")
+    inside = relative.parts[0] in PACKAGES
+    return ".".join(relative.parts).removesuffix(".__init__") if inside else ""
+
+
+def test_folders_and_tests_import_from_faces():
+    beside = {
+        f"{path.relative_to(ROOT)}:{line}: {origin}.{name}"
+        for path in PROJECT
+        if path.parent.name not in PACKAGES or path.name != "__init__.py"
+        for line, origin, name in past_a_face(path.read_text(encoding="utf-8"), module_of(path))
+    }
+    assert not beside, f"import these from the folder (its __init__.py): {sorted(beside)}"
+
+
+def test_a_face_exports_what_is_used_outside():
+    used = {
+        (origin, name)
+        for path in PROJECT
+        for _, origin, name in names_from_other_folders(
+            path.read_text(encoding="utf-8"), module_of(path)
+        )
+    }
+    unused = {
+        f"{folder}.{name}"
+        for folder in (".".join(p.parent.relative_to(ROOT).parts) for p in SOURCES)
+        if folder.count(".") == 1
+        for name in getattr(importlib.import_module(folder), "__all__", ())
+        if (folder, name) not in used
+    }
+    assert not unused, f"no other folder and no test imports these: {sorted(unused)}"
+
+
+@pytest.mark.parametrize(
+    ("code", "module", "names"),
+    [
+        ("from plant.machine.rig import Rig", "", ["Rig"]),
+        ("from plant.machine.rig import Rig", "plant.laws.law", ["Rig"]),
+        ("from plant.machine.rig import Rig", "plant.machine.drive", []),
+        ("from plant.machine import Rig", "", []),
+        ("from plant import Rig", "", []),
+        ("def f():\n    from ctc.tuning.tune import tune", "", ["tune"]),
+    ],
+)
+def test_the_scan_sees_what_goes_past_a_face(code, module, names):
+    assert [name for _, _, name in past_a_face(code, module)] == names

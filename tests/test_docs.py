@@ -317,7 +317,7 @@ def problem_of(words, text):
         is_known = set(wanted[1].split(",")) <= set(extras) if wanted else arguments[-1] in packages
         return None if is_known else "no such extra"
     if program == "onepulse":
-        parser = importlib.import_module("ctc.commandline.main")._parser()
+        parser = importlib.import_module("ctc.commandline.main").command_parser()
         if arguments[:1] == ["COMMAND"] or (len(arguments) == 1 and arguments[0] in text):
             arguments = ["robots"]  # the page is about the command as such
         try:

@@ -5,7 +5,7 @@ import pytest
 
 from ctc import plot_record
 from plant import puma560, simulate
-from plant.parts.figures import literal
+from plant.parts import literal
 
 NAMES = ("$x_{$", "50 % \\frac")
 

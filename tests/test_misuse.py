@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from ctc import ComputedTorque
-from ctc.figures.errors import plot_comparison
+from ctc.figures import plot_comparison
 from identification import identify, spread
 from plant import Body, Drive, Dynamics, Link, P, Record, Rig, puma560, simulate
 

@@ -28,9 +28,9 @@ from ctc import (
     sweep_resonance,
 )
 from identification import GeneticSettings, fit_torque, frequency_response, identify, oscillation
-from identification.results.plots import draw_intervals
+from identification.results import draw_intervals
 from plant import Harmonics, puma560, read_robot, simulate
-from plant.parts.figures import COLOURS
+from plant.parts import COLOURS
 
 matplotlib = pytest.importorskip("matplotlib")
 matplotlib.use("Agg")

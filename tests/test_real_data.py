@@ -11,7 +11,7 @@ import pytest
 
 from identification import fit_torque, identify
 from plant import replay
-from plant.machine.motor_inertia import least_inertia_margin
+from plant.machine import least_inertia_margin
 
 DATA = os.environ.get("CTC_DATA")
 EXAMPLES = Path(__file__).parent.parent / "examples"

@@ -27,34 +27,23 @@ from ctc import (
     margins,
     sweep_resonance,
 )
-from ctc.campaigns.campaign import Campaign
-from ctc.campaigns.judgement import Change, Judgement
-from ctc.certification.reserves import Reserves
-from ctc.learning.learning import Learning
-from ctc.payload.controller import PayloadEvent
-from ctc.tuning.inner_loops import InnerTrial
-from ctc.tuning.tuning import Trial, Tuning
-from ctc.verdict.evaluations import Comparison
-from ctc.verdict.on_gears import LowestResonance
+from ctc.campaigns import Campaign, Change, Judgement
+from ctc.certification import Reserves
+from ctc.learning import Learning
+from ctc.payload import PayloadEvent
+from ctc.tuning import InnerTrial, Trial, Tuning
+from ctc.verdict import Comparison, LowestResonance
 from identification import fit_torque, identify, oscillation, pulse_budget
-from identification.equation_error.band_choice import FitTrial
-from identification.equation_error.between_runs import BetweenRuns
-from identification.equation_error.friction_trial import FrictionTrial
-from identification.equation_error.two_encoders import Wound
-from identification.payload.load import Load
-from identification.payload.posterior import PayloadEstimate
-from identification.planning.motor import MotorFit
-from identification.planning.response import FrequencyResponse
+from identification.equation_error import BetweenRuns, FitTrial, FrictionTrial, Wound
+from identification.payload import Load, PayloadEstimate
+from identification.planning import FrequencyResponse, MotorFit
 from identification.repeatability import Spread
-from identification.results.gears import Gears
-from identification.results.model_files import WrittenModel
-from identification.results.physical import Physical
-from identification.search.outcome import GearResonance
+from identification.results import Gears, Physical, WrittenModel
+from identification.search import GearResonance
 from plant import Body, Dynamics, PositionServo, puma560, simulate, visibility
-from plant.checkup.hypothesis import Cause, Rival
-from plant.models.check import ModelCheck, ModelFinding
-from plant.parts import Shown, Verdict
-from plant.parts.messages import SLIDES, TURNS
+from plant.checkup import Cause, Rival
+from plant.models import ModelCheck, ModelFinding
+from plant.parts import SLIDES, TURNS, Shown, Verdict
 
 NASTY = ("<b>&'\"</td>", "shoulder_lift_joint_of_the_left_arm")
 RIG, LAW, PATH = puma560.rig(), puma560.p_law(), puma560.reference()

@@ -15,10 +15,18 @@ from typing import Any, cast
 import numpy as np
 
 from ctc.campaigns.ledger import InMemory, Ledger
-from plant.parts import Piece, Shown, Table, Verdict, known_options, progress_bar, whole
-from plant.parts.kinds import field_names
-from plant.parts.saved import fingerprint
-from plant.simulation.executors import Executor, finished, reason
+from plant.parts import (
+    Piece,
+    Shown,
+    Table,
+    Verdict,
+    field_names,
+    fingerprint,
+    known_options,
+    progress_bar,
+    whole,
+)
+from plant.simulation import Executor, finished, reason
 
 Tasks = Mapping[str, tuple[Any, ...]] | Iterable[tuple[str, tuple[Any, ...]]]
 

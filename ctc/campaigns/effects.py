@@ -15,8 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from identification.equation_error.least_squares import wider
-from identification.equation_error.random_effects import restricted
+from identification.equation_error import restricted, wider
 from plant.parts import Floats, frozen_settings
 
 

@@ -21,11 +21,17 @@ from numpy.typing import NDArray
 from ctc.campaigns.effects import Effect, effect_of, values_of
 from ctc.campaigns.fleet_page import fleet_page, plot_fleet
 from ctc.campaigns.judgement import Judgement, Logged, judged, logged
-from identification.equation_error.naming import short_names, units
-from identification.equation_error.restated import wrong_statements
-from plant.parts.arguments import instance, known_options, real
-from plant.parts.files import path_of, require_new, write_whole
-from plant.parts.saved import fingerprint, versions
+from identification.equation_error import short_names, units, wrong_statements
+from plant.parts import (
+    fingerprint,
+    instance,
+    known_options,
+    path_of,
+    real,
+    require_new,
+    versions,
+    write_whole,
+)
 
 # `application_id` of the file: other tools recognise it by this number, so it never changes.
 _MARK = 0x6F6E6570

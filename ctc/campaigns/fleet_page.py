@@ -8,10 +8,18 @@ from numpy.typing import NDArray
 
 from ctc.campaigns.effects import EFFECTS, Effect
 from ctc.campaigns.judgement import Judgement, chance_of, day_of
-from ctc.report.page import figure, page, section
-from plant.parts.figures import BAND, colour_of, dressed, legend_above, literal, row_by_row
-from plant.parts.settings import frozen_settings
-from plant.parts.shown import table, text
+from ctc.report import figure, page, section
+from plant.parts import (
+    BAND,
+    colour_of,
+    dressed,
+    frozen_settings,
+    legend_above,
+    literal,
+    row_by_row,
+    table,
+    text,
+)
 
 
 @frozen_settings

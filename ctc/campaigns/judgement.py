@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from ctc.campaigns.effects import Effect
 from identification import Identification
-from identification.equation_error.torque_fit import TorqueFit
+from identification.equation_error import TorqueFit
 from plant import Dynamics, Record
 from plant.parts import (
     Floats,

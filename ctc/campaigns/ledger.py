@@ -19,9 +19,7 @@ from typing import Any
 
 from llvmlite.binding import get_host_cpu_name
 
-from plant.parts.files import path_of
-from plant.parts.plain import from_plain, to_plain
-from plant.parts.saved import Saved, parsed, versions, written
+from plant.parts import Saved, from_plain, parsed, path_of, to_plain, versions, written
 
 # Version of the tables: a folder of another one is refused.
 _FORMAT = "1"

@@ -15,15 +15,12 @@ from ctc.certification.figure import plot_certificate
 from ctc.certification.plants import Plants, Worst
 from ctc.certification.reserves import Reserves, held, reserves
 from ctc.certification.statement import shown, verdict
-from ctc.verdict.evaluations import evaluate
-from ctc.verdict.on_gears import SETTLED, FromRest, LowestResonance, from_rest, lowest_resonance
-from identification.results.seen import Seen
+from ctc.verdict import SETTLED, FromRest, LowestResonance, evaluate, from_rest, lowest_resonance
+from identification.results import Seen
 from plant import Law, Reference
-from plant.machine.elasticity import DAMPING_RATIO
+from plant.machine import DAMPING_RATIO
 from plant.parts import Piece, frozen, kept, known_options
-from plant.simulation.logged_run import DivergenceError
-from plant.simulation.loop_kernel import LANES
-from plant.simulation.population import Runs
+from plant.simulation import LANES, DivergenceError, Runs
 
 
 @kept

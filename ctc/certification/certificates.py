@@ -8,11 +8,11 @@ from typing import Any, ClassVar
 from ctc.certification.certificate import Certificate
 from ctc.certification.certified import Certified
 from ctc.certification.statement import shown_set, verdict_of_set
-from identification.results.seen import Seen
+from identification.results import Seen
 from plant import Reference
-from plant.motion.everyday import of_motion
+from plant.motion import of_motion
 from plant.parts import Piece, frozen, kept, known_options
-from plant.simulation.population import Runs
+from plant.simulation import Runs
 
 
 @kept

@@ -24,9 +24,8 @@ from ctc.certification.rare import Rare
 from ctc.certification.statement import percent
 from ctc.certification.uncertainty import Uncertainty
 from plant import Law
-from plant.parts import Floats, Frozen, Saved, Shown, frozen, frozen_settings
-from plant.parts.saved import versions
-from plant.simulation.population import Runs
+from plant.parts import Floats, Frozen, Saved, Shown, frozen, frozen_settings, versions
+from plant.simulation import Runs
 
 
 def clopper_pearson(failures: int, samples: int, confidence: float = 0.95) -> tuple[float, float]:

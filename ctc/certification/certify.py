@@ -20,15 +20,14 @@ from ctc.certification.plants import Plants
 from ctc.certification.rare import rare_failure
 from ctc.certification.samples import draw
 from ctc.certification.uncertainty import Uncertainty
-from ctc.verdict.on_gears import SETTLED, require_followed
+from ctc.verdict import SETTLED, require_followed
 from identification import Identification
-from identification.results.seen import Seen, seen
-from identification.results.summary import warn_of_doubts
+from identification.results import Seen, seen, warn_of_doubts
 from plant import Arm, Law, Reference, Rig
-from plant.compiler.background import cores
-from plant.motion.everyday import motions_of, naming
+from plant.compiler import cores
+from plant.motion import motions_of, naming
 from plant.parts import Checkpoint, instance, known_options, progress_bar, real, whole
-from plant.simulation.population import Runs
+from plant.simulation import Runs
 
 Motions = Reference | Mapping[str, Reference]
 

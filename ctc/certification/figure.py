@@ -10,11 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ctc.certification.imperfections import IMPERFECTIONS
-from ctc.figures.errors import draw_band
-from ctc.verdict.evaluations import evaluate
-from plant.parts.figures import BAND, axes_of, colour_of, dressed, legend_above, literal
-from plant.parts.settings import frozen_settings
-from plant.simulation.logged_run import DivergenceError
+from ctc.figures import draw_band
+from ctc.verdict import evaluate
+from plant.parts import BAND, axes_of, colour_of, dressed, frozen_settings, legend_above, literal
+from plant.simulation import DivergenceError
 
 
 @frozen_settings

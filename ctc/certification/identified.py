@@ -15,11 +15,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ctc.certification.uncertainty import Uncertainty
-from ctc.verdict.on_gears import with_gears
+from ctc.verdict import with_gears
 from identification import Identification
 from identification.preparation import prepare
 from identification.procedure import search
-from identification.search.outcome import Fit
+from identification.search import Fit
 from plant import Arm, Elasticity
 from plant.parts import (
     Checkpoint,
@@ -30,9 +30,9 @@ from plant.parts import (
     frozen_settings,
     instance,
     kept,
+    product,
     progress_bar,
 )
-from plant.parts.sums import product
 
 # Numbers of the rig by which a controller reads its counts: it and the plant have the same.
 _KNOWN_TO_LAWS = ("drive.gear", "encoder.resolution")

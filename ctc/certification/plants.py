@@ -22,7 +22,7 @@ from plant.parts import (
     frozen,
     kept,
 )
-from plant.simulation.population import Population
+from plant.simulation import Population
 
 # Default number of plants of an analysis that runs a population many times (reserves, holds,
 # friction). Chosen by hand: if none of 400 plants fails, the failure probability is below 0.75 %

@@ -16,10 +16,9 @@ import numpy as np
 
 from ctc.certification.certified import clopper_pearson
 from ctc.certification.plants import Plants
-from ctc.laws.model_law import ModelLaw
+from ctc.laws import ModelLaw
 from plant import Law, Resumed, Rig
-from plant.parts import Piece, Shown, Table, Verdict, frozen, frozen_settings, real
-from plant.parts.vector import TORQUE_ERROR
+from plant.parts import TORQUE_ERROR, Piece, Shown, Table, Verdict, frozen, frozen_settings, real
 
 
 @frozen_settings

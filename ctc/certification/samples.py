@@ -10,13 +10,11 @@ from ctc.certification.identified import Identified, identified
 from ctc.certification.imperfections import IMPERFECTIONS, Drawn, drawn_of, placed_in
 from ctc.certification.plants import Plants
 from ctc.certification.uncertainty import Uncertainty, spread
-from ctc.verdict.on_gears import with_gears
+from ctc.verdict import with_gears
 from identification import Identification
 from plant import Arm, Body, Elasticity, Phase, Rig, Transport
-from plant.machine.elasticity import gears
-from plant.machine.motor_inertia import least_inertia_margin, shaft_inertias
-from plant.parts import Bools, Checkpoint, Integers, array, frozen_settings, instance
-from plant.parts.sums import product
+from plant.machine import gears, least_inertia_margin, shaft_inertias
+from plant.parts import Bools, Checkpoint, Integers, array, frozen_settings, instance, product
 
 
 @frozen_settings

@@ -7,9 +7,8 @@ from typing import Any
 import numpy as np
 
 from ctc.certification.imperfections import IMPERFECTIONS
-from ctc.verdict.on_gears import LOWEST
-from ctc.verdict.servos import in_play, slow_profiles
-from plant.motion.everyday import slowing
+from ctc.verdict import LOWEST, in_play, slow_profiles
+from plant.motion import slowing
 from plant.parts import (
     Aside,
     Floats,

@@ -7,9 +7,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ctc.certification.imperfections import IMPERFECTIONS, between
-from ctc.verdict.on_gears import require_swinging
+from ctc.verdict import require_swinging
 from plant import Part, part, structure
-from plant.machine.elasticity import DAMPING_RATIO
+from plant.machine import DAMPING_RATIO
 from plant.parts import Piece, Shown, Table, array
 
 # Resonance [Hz] below which no gear of an arm has its own: a lower number is in kHz.

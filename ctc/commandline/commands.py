@@ -17,13 +17,12 @@ from ctc.commandline.inputs import (
     records_of,
 )
 from identification import Identification, fit_torque, identify
-from identification.replay.experiment import as_records
-from identification.results.summary import doubts
-from plant import Dynamics
-from plant.checkup.hypothesis import Cause
-from plant.models.new_robot import MISSING, new_dh_file, new_robot_file
-from plant.models.robot_file import FOLDER, read_robot
-from plant.parts.files import write_whole
+from identification.replay import as_records
+from identification.results import doubts
+from plant import Dynamics, read_robot
+from plant.checkup import Cause
+from plant.models import FOLDER, MISSING, new_dh_file, new_robot_file
+from plant.parts import write_whole
 
 # The table [log] of a robot file, for its owner to complete.
 MOST_JOINTS = 50

@@ -7,21 +7,17 @@ from typing import Any, cast
 
 import numpy as np
 
-from ctc.certification.certificate import Certificate
-from ctc.certification.certificates import Certificates
-from ctc.certification.certify import certify
-from ctc.certification.uncertainty import Uncertainty
+from ctc.certification import Certificate, Certificates, Uncertainty, certify
 from ctc.commandline.inputs import Answer, motions_asked, output_place, path_of, plain_number
 from ctc.commandline.words import page_in_the_shell
-from ctc.laws.computed_torque import ComputedTorque
-from ctc.report.report import write_report
-from ctc.tuning.tune import tune
-from ctc.verdict.evaluations import evaluate
+from ctc.laws import ComputedTorque
+from ctc.report import write_report
+from ctc.tuning import tune
+from ctc.verdict import evaluate
 from identification import Identification
-from identification.results.summary import doubts
-from plant.models.robot_file import read_robot
-from plant.parts.files import write_whole
-from plant.parts.messages import progress_bar
+from identification.results import doubts
+from plant import read_robot
+from plant.parts import progress_bar, write_whole
 
 
 def run_certify(options: Namespace) -> Answer:
@@ -36,7 +32,7 @@ def run_certify(options: Namespace) -> Answer:
         identification.rig,
         law,
         motions,
-        _uncertainty(options, identification),
+        stated_uncertainty(options, identification),
         **_run(options),
     )
     # After a hold, static friction may start at any value between its limits.
@@ -55,7 +51,7 @@ def run_tune(options: Namespace) -> Answer:
         identification,
         identification.rig,
         motions,
-        _uncertainty(options, identification),
+        stated_uncertainty(options, identification),
         vary=options.vary,
         **_run(options),
     )
@@ -72,7 +68,7 @@ def run_tune(options: Namespace) -> Answer:
     return dataclasses.replace(answer, good=answer.good and tuning.holds)
 
 
-def _uncertainty(options: Namespace, identification: Identification) -> Uncertainty:
+def stated_uncertainty(options: Namespace, identification: Identification) -> Uncertainty:
     """The uncertainty of the robot file; options replace its fields."""
     stated = None if options.robot is None else read_robot(options.robot).uncertainty
     if options.robot is not None and stated is None:

@@ -3,12 +3,11 @@
 import time
 from pathlib import Path
 
-from ctc.figures.errors import plot_comparison, plot_evaluation, plot_record
-from ctc.laws.computed_torque import ComputedTorque
-from ctc.verdict.evaluation import Evaluation
-from ctc.verdict.evaluations import evaluate
+from ctc.figures import plot_comparison, plot_evaluation, plot_record
+from ctc.laws import ComputedTorque
+from ctc.verdict import Evaluation, evaluate
 from identification import Identification, identify
-from identification.equation_error.naming import units as units_of
+from identification.equation_error import units as units_of
 from plant import puma560, simulate
 from plant.parts import Table
 

@@ -22,12 +22,9 @@ from plant import (
     everyday_motions,
     read_records,
 )
-from plant.logs.contents import contents_of
-from plant.logs.record_csv import is_own
-from plant.logs.several import files_of
+from plant.logs import contents_of, files_of, is_own
 from plant.parts import frozen_settings, warn
-from plant.simulation.clock import Clock
-from plant.simulation.followed_path import Logged
+from plant.simulation import Clock, Logged
 
 
 @dataclasses.dataclass(frozen=True)

@@ -10,11 +10,11 @@ import warnings
 from pathlib import Path
 from typing import Any, NoReturn
 
-from ctc.certification.imperfections import IMPERFECTIONS
+from ctc.certification import IMPERFECTIONS
 from ctc.commandline.commands import COMMANDS
 from ctc.commandline.plan import run_campaign
 from ctc.commandline.words import in_the_shell
-from identification.results.summary import IdentificationWarning
+from identification import IdentificationWarning
 from plant.version import __version__
 
 # The last lines of the help of `onepulse`: a script decides by these codes.
@@ -59,7 +59,7 @@ def main(arguments: list[str] | None = None) -> int:
     Without `arguments`, the command is that of `sys.argv`. A wrong option, ``--help`` and
     ``--version`` raise SystemExit.
     """
-    options = _parser().parse_args(arguments)
+    options = command_parser().parse_args(arguments)
     # Every way in which a command may end has its own exit code (`_CODES`).
     try:
         with warnings.catch_warnings():
@@ -71,7 +71,7 @@ def main(arguments: list[str] | None = None) -> int:
             warnings.showwarning = _said
             if options.command == "campaign":
                 # A campaign gives its plan's options to the parser of the other commands.
-                answer = run_campaign(options, _parser().parse_args)
+                answer = run_campaign(options, command_parser().parse_args)
             else:
                 answer = COMMANDS[options.command](options)
         text = _as_json(answer.data) if options.json else answer.text
@@ -139,7 +139,8 @@ def _said(message: Warning | str, *_: Any, **__: Any) -> None:
     print(f"onepulse: warning: {' '.join(str(message).split())}", file=sys.stderr)
 
 
-def _parser() -> argparse.ArgumentParser:
+def command_parser() -> argparse.ArgumentParser:
+    """The parser of all commands and their options."""
     about = (
         "From logged encoder pulses to an arm's inertial parameters, and to computed torque within"
         " one pulse."

@@ -20,17 +20,14 @@ from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 from typing import Any
 
-from ctc.campaigns.campaign import campaign
-from ctc.campaigns.fleet import Fleet
-from ctc.campaigns.judgement import seconds_of
-from ctc.campaigns.ledger import rows_of
+from ctc.campaigns import Fleet, campaign, rows_of, seconds_of
 from ctc.commandline.commands import COMMANDS
 from ctc.commandline.inputs import Answer
 from identification import Identification
-from plant.compiler.background import cores
-from plant.logs.several import notes_of
-from plant.models.robot_file import read_robot
-from plant.parts.arguments import choice, instance
+from plant import read_robot
+from plant.compiler import cores
+from plant.logs import notes_of
+from plant.parts import choice, instance
 
 # The steps in the order in which one needs the file of another.
 _DO = ("check", "identify", "certify", "report")
@@ -212,7 +209,7 @@ def _tasks(
                     seconds_of(notes_of(plan["notes"], log).get("time", 1e9))
                 # The parser of the commands checks the plan's options, with the same messages.
                 steps = [
-                    vars(parse(_arguments(command, plan, robot, log, place)))
+                    vars(parse(typed_arguments(command, plan, robot, log, place)))
                     for command in plan["do"]
                 ]
                 # A log that has changed since is another task, so a resumed campaign refuses it.
@@ -247,7 +244,9 @@ def _fleet(
     return changes | excluded
 
 
-def _arguments(command: str, plan: dict[str, Any], robot: str, log: str, place: Path) -> list[str]:
+def typed_arguments(
+    command: str, plan: dict[str, Any], robot: str, log: str, place: Path
+) -> list[str]:
     """One command as it would be typed."""
     # Fixed names in a folder for each log: later steps find the files of earlier ones.
     identification = str(place / "found.json")

@@ -12,19 +12,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plant import Record
-from plant.parts.arguments import instance
-from plant.parts.figures import (
+from plant.parts import (
     BAND,
     LOGS,
     axes_of,
     colour_of,
     dressed,
+    frozen_settings,
+    instance,
+    joint_labels,
     legend_above,
     literal,
     row_by_row,
 )
-from plant.parts.messages import joint_labels
-from plant.parts.settings import frozen_settings
 
 
 @frozen_settings

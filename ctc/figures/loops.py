@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from plant.parts.figures import axes_of, colour_of, dressed, legend_above, literal, row_by_row
+from plant.parts import axes_of, colour_of, dressed, legend_above, literal, row_by_row
 
 # Told apart in print, and where curves lie on one another.
 _DASHES = ("-", "--", ":", "-.")

@@ -6,13 +6,9 @@ import casadi as ca
 import numpy as np
 
 from ctc.laws.model_law import ModelLaw
-from plant import Rig
-from plant.laws.law import Setpoint, Step
-from plant.laws.terms import SMOOTHED, filtered_difference
-from plant.parts.arguments import array, signs
-from plant.parts.fields import Nested, Vector
-from plant.parts.part import number, part, structure
-from plant.parts.vector import Fields, per_joint, scalars
+from plant import Fields, Rig, number, part, per_joint, scalars, structure
+from plant.laws import SMOOTHED, Setpoint, Step, filtered_difference
+from plant.parts import Nested, Vector, array, signs
 
 
 @part

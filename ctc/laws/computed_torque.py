@@ -28,12 +28,10 @@ from ctc.laws.gears import Deviation, ElasticGears, RigidGears, braked
 from ctc.laws.late_frames import LateFrames
 from ctc.laws.model_law import ModelLaw
 from ctc.laws.start_boost import NoBoost, StartBoost
-from plant import Law, Rig
-from plant.laws.law import Setpoint, Step
-from plant.parts.arguments import instance, signs
-from plant.parts.part import number, part, structure
-from plant.parts.vector import MODEL_TORQUE, TORQUE_ERROR, Fields, per_joint, scalars
-from plant.realtime.running import Running
+from plant import Fields, Law, Rig, number, part, per_joint, scalars, structure
+from plant.laws import Setpoint, Step
+from plant.parts import MODEL_TORQUE, TORQUE_ERROR, instance, signs
+from plant.realtime import Running
 
 
 @part

@@ -3,13 +3,10 @@
 import casadi as ca
 
 from ctc.laws.model_law import ModelLaw
-from plant import Rig
-from plant.laws.law import Setpoint, Step
-from plant.laws.terms import integrated
-from plant.mechanics.symmetric_inverse import inverse
-from plant.parts.arguments import signs
-from plant.parts.part import number, part
-from plant.parts.vector import MODEL_ERROR, Fields, per_joint, scalars
+from plant import Fields, Rig, number, part, per_joint, scalars
+from plant.laws import Setpoint, Step, integrated
+from plant.mechanics import inverse
+from plant.parts import MODEL_ERROR, signs
 
 
 def rolled_off(

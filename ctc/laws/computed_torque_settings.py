@@ -3,8 +3,8 @@
 import dataclasses
 from typing import Any
 
-from plant.parts.part import number, part
-from plant.parts.settings import Settings
+from plant import number, part
+from plant.parts import Settings
 
 
 @part

@@ -11,13 +11,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from identification.equation_error.estimate import Estimate
-from identification.equation_error.regressor import linear, regressor_along
-from identification.results.summary import doubts
-from plant import Rig
-from plant.analysis.sampled_loops import SampledLoops
-from plant.parts.part import part
-from plant.parts.settings import Settings
+from identification.equation_error import Estimate, linear, regressor_along
+from identification.results import doubts
+from plant import Rig, part
+from plant.analysis import SampledLoops
+from plant.parts import Settings
 
 
 class Gains(NamedTuple):

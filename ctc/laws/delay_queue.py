@@ -4,7 +4,7 @@ from typing import Any
 
 import casadi as ca
 
-from plant.parts.vector import Fields, per_joint
+from plant import Fields, per_joint
 
 
 class DelayQueue:

@@ -6,10 +6,8 @@ import functools
 import casadi as ca
 
 from ctc.laws.model_law import ModelLaw, base
-from plant import Law, Rig, state_of
-from plant.laws.law import Block, Setpoint, Step
-from plant.parts.part import part, structure
-from plant.parts.vector import Fields, per_joint
+from plant import Fields, Law, Rig, part, per_joint, state_of, structure
+from plant.laws import Block, Setpoint, Step
 
 
 @base

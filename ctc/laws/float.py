@@ -13,15 +13,10 @@ import numpy as np
 
 from ctc.laws.model_law import ModelLaw
 from identification import Identification
-from plant import Rig
-from plant.laws.law import Setpoint, Step
-from plant.machine.inner_loop import Frame
-from plant.parts.arguments import signs
-from plant.parts.fields import Floats
-from plant.parts.messages import warn
-from plant.parts.part import number, part, structure
-from plant.parts.settings import Settings
-from plant.parts.vector import Fields, per_joint, scalars
+from plant import Fields, Rig, number, part, per_joint, scalars, structure
+from plant.laws import Setpoint, Step
+from plant.machine import Frame
+from plant.parts import Floats, Settings, signs, warn
 
 
 @part

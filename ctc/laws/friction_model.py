@@ -12,11 +12,10 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from plant import Drive, Rig
-from plant.machine.friction import friction_impulse
-from plant.mechanics.symmetric_inverse import Inverse
-from plant.parts.arguments import array
-from plant.parts.vector import Fields, per_joint
+from plant import Drive, Fields, Rig, per_joint
+from plant.machine import friction_impulse
+from plant.mechanics import Inverse
+from plant.parts import array
 
 # Added to a sum of squares of friction torques [N m]: no division by zero where there is no
 # friction, and no effect on friction of 1e-3 N m or more.

@@ -8,9 +8,8 @@ import numpy as np
 
 from ctc.laws.gears import GAINS, POWERS, Deviation, ElasticGears, Springs
 from ctc.laws.observer import DRIFT
-from plant import Arm, Rig
-from plant.mechanics.dynamics import Dynamics
-from plant.parts.fields import Floats
+from plant import Arm, Dynamics, Rig
+from plant.parts import Floats
 
 # (omega dt)^2 of motors against their links, at the median pose, above which gears are taken for
 # rigid: a filter of this period cannot follow them. Chosen by hand.
@@ -67,14 +66,14 @@ def gear_gains(
     half = np.maximum(high - low, 0.1 * (1 - high)) / 2
     # Chebyshev's nodes, at which the interpolating polynomials are exact.
     nodes = np.cos(np.pi * (np.arange(POWERS) + 0.5) / POWERS)
-    one_joint = _one_joint(softness)
+    one_joint = one_joint_model(softness)
     fits = np.empty((GAINS, POWERS, n))
     for j in range(n):
         gains = []
         for inertia in rotors[j] / (middle[j] + half[j] * nodes):
             numbers = elasticity.stiffness[j], elasticity.damping[j], drive.joint_viscous()[j], dt
             A, B = (matrix.full() for matrix in one_joint(rotors[j], inertia, *numbers))
-            gains.append(_joint_gains(A, B * inertia, dt, bandwidth, observer))
+            gains.append(joint_gains(A, B * inertia, dt, bandwidth, observer))
         fits[:, :, j] = np.linalg.solve(np.vander(nodes, POWERS), np.array(gains)).T
     return np.concatenate([middle, half, fits.ravel()])
 
@@ -104,7 +103,7 @@ def _inertia(dynamics: Dynamics, coupling: Any) -> ca.Function:
 
 
 @functools.cache
-def _one_joint(softness: float) -> ca.Function:
+def one_joint_model(softness: float) -> ca.Function:
     """(rotor, D, stiffness, damping, viscous friction, dt) -> A (4, 4) and B (4, 2) of a joint.
 
     A maps its deviation over a sample, B the torques that push motor and link.
@@ -125,7 +124,7 @@ def _one_joint(softness: float) -> ca.Function:
     )
 
 
-def _joint_gains(A: Floats, B: Floats, dt: float, bandwidth: float, observer: float) -> Floats:
+def joint_gains(A: Floats, B: Floats, dt: float, bandwidth: float, observer: float) -> Floats:
     """Gains (9,) of a joint, with torques in units of its inertia and count noise of variance 1."""
     # Change of each state within a sample: so scaled, Riccati's equation is well conditioned.
     units = np.array([1, 1 / dt, 1, 1 / dt, 1 / dt**2])

@@ -14,11 +14,10 @@ import casadi as ca
 
 from ctc.laws.computed_torque_settings import SETTINGS
 from ctc.laws.observer import correct, filter_gains, regulator_gains
-from plant import Rig
-from plant.laws.law import Setpoint
-from plant.machine.elasticity import joined, spring
-from plant.mechanics.symmetric_inverse import Inverse, eliminated, inverse
-from plant.parts.vector import Fields, per_joint
+from plant import Fields, Rig, per_joint
+from plant.laws import Setpoint
+from plant.machine import joined, spring
+from plant.mechanics import Inverse, eliminated, inverse
 
 # Of a joint on elastic gears: five gains of its filter and four of its regulator, each a polynomial
 # of the joint's inertia with so many coefficients.

@@ -4,8 +4,7 @@ from typing import Any
 
 import casadi as ca
 
-from plant import Rig
-from plant.parts.vector import Fields, per_joint
+from plant import Fields, Rig, per_joint
 
 
 class LateFrames:

@@ -7,16 +7,14 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
-from identification.equation_error.estimate import Estimate
-from identification.results.summary import warn_of_doubts
-from plant import Arm, Law, Rig
-from plant.analysis.sampled_loops import SampledLoops
-from plant.laws.law import Block
-from plant.machine.motor_inertia import require_inertia
-from plant.machine.rig import sliding_rig
-from plant.parts.arguments import array, instance
-from plant.parts.part import number, structure
-from plant.realtime.running import Running
+from identification.equation_error import Estimate
+from identification.results import warn_of_doubts
+from plant import Arm, Law, Rig, number, structure
+from plant.analysis import SampledLoops
+from plant.laws import Block
+from plant.machine import require_inertia, sliding_rig
+from plant.parts import array, instance
+from plant.realtime import Running
 
 T = TypeVar("T")
 

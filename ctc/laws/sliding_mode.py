@@ -3,12 +3,9 @@
 import casadi as ca
 
 from ctc.laws.model_law import ModelLaw
-from plant import Rig
-from plant.laws.law import Setpoint, Step
-from plant.laws.terms import SMOOTHED, filtered_difference
-from plant.parts.arguments import signs
-from plant.parts.part import number, part
-from plant.parts.vector import Fields
+from plant import Fields, Rig, number, part
+from plant.laws import SMOOTHED, Setpoint, Step, filtered_difference
+from plant.parts import signs
 
 
 @part

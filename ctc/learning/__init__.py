@@ -4,3 +4,8 @@ Read `path_plant` (the plant linearised along the path, and the torque that a lo
 `learnt_torque` (the law that adds it), then `learning` (the part of it that is f and friction) and
 `learn`; `settings` has their numbers.
 """
+
+from ctc.learning.learning import Learning
+from ctc.learning.path_plant import exponentials, path_plant, standing
+
+__all__ = ["Learning", "exponentials", "path_plant", "standing"]

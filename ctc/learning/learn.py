@@ -13,7 +13,7 @@ from ctc.learning.settings import SETTINGS, LearnSettings
 from identification import Identification
 from plant import Arm, Law, Record, Reference, Rig
 from plant.parts import Floats, instance, known_options
-from plant.simulation.executors import mapped
+from plant.simulation import mapped
 
 _ORDER = "The order is law, rig, reference, records."
 

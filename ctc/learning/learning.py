@@ -6,8 +6,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ctc.certification.statement import percent
-from ctc.certification.uncertainty import Uncertainty
+from ctc.certification import Uncertainty, percent
 from ctc.learning.learnt_torque import LearntTorque
 from ctc.learning.path_plant import PathPlant
 from ctc.learning.settings import SETTINGS, LearnSettings

@@ -11,9 +11,9 @@ from numpy.typing import ArrayLike
 
 from ctc.learning.settings import SETTINGS
 from plant import Law, Reference, Rig, state_of
-from plant.laws.law import Block, Setpoint, Step
+from plant.laws import Block, Setpoint, Step
 from plant.parts import Fields, Floats, Vector, array, number, part, per_joint, scalars, structure
-from plant.realtime.running import Running
+from plant.realtime import Running
 
 
 @part

@@ -14,8 +14,8 @@ import numpy as np
 from ctc.laws.computed_torque_settings import SETTINGS as OF_CONTROLLER
 from ctc.learning.settings import SETTINGS, LearnSettings
 from plant import Arm, Reference, Rig
-from plant.motion.link_reference import gear_torque, require_elastic, wound
-from plant.parts.fields import Floats
+from plant.motion import gear_torque, require_elastic, wound
+from plant.parts import Floats
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -85,7 +85,7 @@ def path_plant(
     # The applied torque of a sample is compared with the mean of the needed torque at both ends.
     return PathPlant(
         torque=(torque[:-1] + torque[1:]) / 2,
-        transition=_exponentials(grown * dt, settings.halvings),
+        transition=exponentials(grown * dt, settings.halvings),
         q=states[:-1, half - n : half],
         qd=states[:-1, m - n : m],
         qdd=(link_qdd.full().T if elastic else motion.qdd[::2])[:-1],
@@ -168,7 +168,7 @@ def _states(arm: Arm, rig: Rig, moves: ca.Function, motion: Any, count: int) -> 
     return np.hstack([motion.q[::2], links[:, :n], motion.qd[::2], links[:, n:]])
 
 
-def _exponentials(matrices: Floats, halvings: int) -> Floats:
+def exponentials(matrices: Floats, halvings: int) -> Floats:
     """Exponentials of matrices (N, m, m): Taylor's fourth order of a part, squared up."""
     # Division by 2^halvings makes the matrix small enough for Taylor's series; squaring undoes it.
     part = matrices / 2**halvings

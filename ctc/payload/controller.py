@@ -9,11 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from identification.payload.kernel_estimate import Window
-from identification.payload.posterior import PayloadEstimate
-from identification.payload.worker import shared_worker
+from identification.payload import PayloadEstimate, Window, shared_worker
 from plant.parts import Floats, Piece, Shown, frozen_settings
-from plant.realtime.running import Running
+from plant.realtime import Running
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, repr=False)

@@ -6,16 +6,20 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ctc.laws.adaptive import Adaptive
-from ctc.laws.model_law import ModelLaw
+from ctc.laws import Adaptive, ModelLaw
 from ctc.payload.controller import PayloadController
 from ctc.payload.payload_law import PayloadLaw
 from identification import Identification
-from identification.payload.kernel_estimate import KERNEL, uncertainty
-from identification.payload.posterior import LoadShape, PayloadEstimate, uninformed
-from identification.payload.worker import Specification
+from identification.payload import (
+    KERNEL,
+    LoadShape,
+    PayloadEstimate,
+    Specification,
+    uncertainty,
+    uninformed,
+)
 from plant import Rig
-from plant.parts.arguments import choice, instance, known_options, real
+from plant.parts import choice, instance, known_options, real
 
 # Shortest window [s]: the lower end of the range of the paper.
 _SHORTEST_WINDOW = 0.1

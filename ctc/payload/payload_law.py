@@ -13,14 +13,24 @@ from typing import Any, NamedTuple
 
 import casadi as ca
 
-from ctc.laws.model_law import ModelLaw
-from ctc.laws.observer import correct, predict, triple_pole
+from ctc.laws import ModelLaw, correct, predict, triple_pole
 from plant import Law, Rig, state_of
-from plant.laws.law import Block, Setpoint, Step
-from plant.mechanics.lumping import LOAD
-from plant.mechanics.symmetric_inverse import inverse
-from plant.parts import Fields, Nested, Vector, number, part, per_joint, scalars, signs, structure
-from plant.parts.vector import MODEL_ERROR, MODEL_TORQUE, TORQUE_ERROR
+from plant.laws import Block, Setpoint, Step
+from plant.mechanics import LOAD, inverse
+from plant.parts import (
+    MODEL_ERROR,
+    MODEL_TORQUE,
+    TORQUE_ERROR,
+    Fields,
+    Nested,
+    Vector,
+    number,
+    part,
+    per_joint,
+    scalars,
+    signs,
+    structure,
+)
 
 # Added to the squared torque of 1 kg, in units of the noise: no division by zero at a pose at which
 # a load takes no torque.

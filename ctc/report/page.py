@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from plant.parts.shown import text
+from plant.parts import text
 
 # Template of the page, with its style.
 _PAGE = Path(__file__).with_suffix(".html")
@@ -48,7 +48,7 @@ def figure(drawing: Any, label: str, caption: str) -> str:
     drawing.set_layout_engine("none")
     for axis in drawing.axes:
         for line in axis.lines:
-            _thin(line, axis)
+            thin(line, axis)
 
     # 3. Text that a browser can select and search; no date and no random ids, so that the same
     # results give the same page.
@@ -66,7 +66,7 @@ def figure(drawing: Any, label: str, caption: str) -> str:
     )
 
 
-def _thin(line: Any, axis: Any) -> None:
+def thin(line: Any, axis: Any) -> None:
     """Keep the minimum and the maximum of a long curve in each column of its axis, in order."""
     # Forty columns to an inch: finer than a screen shows a line. Chosen by hand.
     columns = int(axis.get_window_extent().width / axis.figure.dpi * 40)

@@ -5,16 +5,12 @@ from pathlib import Path
 
 import numpy as np
 
-from ctc.certification.certificate import Certificate
-from ctc.certification.certificates import Certificates
-from ctc.certification.certified import Certified
+from ctc.certification import Certificate, Certificates, Certified
 from ctc.report.page import page
 from ctc.report.sections import sections
-from ctc.verdict.evaluation import Evaluation
+from ctc.verdict import Evaluation
 from identification import Identification
-from plant.parts.arguments import instance, known_options
-from plant.parts.files import require_new, write_whole
-from plant.parts.messages import progress_bar
+from plant.parts import instance, known_options, progress_bar, require_new, write_whole
 
 # Sections of a page with all results.
 _SECTIONS = 8

@@ -7,12 +7,19 @@ from typing import Any
 
 import numpy as np
 
-from ctc.certification.certificates import Certificates
+from ctc.certification import Certificates
 from ctc.report.page import figure, section
-from identification.equation_error.naming import units as units_of
-from identification.results.seen import counted, drifting, seen
-from identification.results.summary import doubts, explained_torque, notes, verdict_of
-from plant.parts.shown import body, details, items, preformatted, table, text
+from identification.equation_error import units as units_of
+from identification.results import (
+    counted,
+    doubts,
+    drifting,
+    explained_torque,
+    notes,
+    seen,
+    verdict_of,
+)
+from plant.parts import body, details, items, preformatted, table, text
 
 _UNRELIABLE = ", of an unreliable identification"
 

@@ -3,3 +3,8 @@ design.
 
 Read `margins`; `design` (gains and observers) stands alone.
 """
+
+from ctc.stability.design import motor_gain
+from ctc.stability.margins import opened
+
+__all__ = ["motor_gain", "opened"]

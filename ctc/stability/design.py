@@ -10,7 +10,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ctc.laws.observer import predict
+from ctc.laws import predict
 from plant import Rig
 from plant.parts import Floats, array, instance, real
 

@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ctc.figures.loops import plot_margins
-from ctc.verdict.on_gears import (
+from ctc.figures import plot_margins
+from ctc.verdict import (
     HIGHEST,
     LowestResonance,
     above,
@@ -23,8 +23,8 @@ from ctc.verdict.on_gears import (
 )
 from identification import Identification
 from plant import Arm, Elasticity, Law, Rig
-from plant.analysis.sampled_loops import SampledLoops
-from plant.machine.elasticity import DAMPING_RATIO
+from plant.analysis import SampledLoops
+from plant.machine import DAMPING_RATIO
 from plant.parts import Floats, Piece, Shown, Table, Verdict, frozen, instance, known_options
 
 if TYPE_CHECKING:

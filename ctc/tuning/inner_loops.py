@@ -12,13 +12,12 @@ from typing import Any
 
 import numpy as np
 
-from ctc.certification.certify import Task
-from ctc.certification.statement import percent
-from ctc.laws.computed_torque import ComputedTorque
+from ctc.certification import Task, percent
+from ctc.laws import ComputedTorque
 from ctc.tuning.effort_scale import effort_scale
 from identification import IdentificationWarning
 from plant import MitDrive, Rig
-from plant.machine.inner_loop import InnerLoop
+from plant.machine import InnerLoop
 from plant.parts import (
     Floats,
     Frozen,

@@ -9,12 +9,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ctc.certification.plants import Plants
-from ctc.laws.computed_torque import ComputedTorque
-from ctc.verdict.on_gears import with_gears
+from ctc.certification import Plants
+from ctc.laws import ComputedTorque
+from ctc.verdict import with_gears
 from plant import Elasticity, Reference
 from plant.parts import Floats, frozen_settings
-from plant.simulation.population import Runs
+from plant.simulation import Runs
 
 
 class KnownGears(NamedTuple):
@@ -98,7 +98,7 @@ def with_known_gears(
             laws = _with_gears(plants, rows, hz, motions[0][0])
         except ValueError:
             continue  # no computed torque can have these gears in its model
-        tried.append(_tried(plants, laws, rows, hz, motions, options, scale, threads))
+        tried.append(best_law(plants, laws, rows, hz, motions, options, scale, threads))
     return tuple(tried)
 
 
@@ -114,7 +114,7 @@ def _with_gears(plants, rows, hz, reference):
     return [ComputedTorque(arm, rig, bandwidth=bandwidth) for bandwidth in SETTINGS.bandwidths]
 
 
-def _tried(plants, laws, rows, hz, motions, options, scale, threads):
+def best_law(plants, laws, rows, hz, motions, options, scale, threads):
     """The best of these laws on the samples (r,) near their resonance [Hz]."""
     names, values = plants.numbers()
     results = []

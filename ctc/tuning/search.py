@@ -14,13 +14,12 @@ from typing import Any
 
 import numpy as np
 
-from ctc.certification.certified import clopper_pearson
-from ctc.certification.plants import Plants
+from ctc.certification import Plants, clopper_pearson
 from ctc.tuning.tuning import Family, Trial
 from identification import GeneticSettings, minimize_genetic
 from plant import Reference
 from plant.parts import Checkpoint, Floats, frozen, frozen_settings
-from plant.simulation.population import Population, Runs
+from plant.simulation import Population, Runs
 
 
 @frozen_settings

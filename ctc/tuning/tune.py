@@ -11,21 +11,18 @@ from typing import Any
 
 import numpy as np
 
-from ctc.certification.certificate import Certificate
-from ctc.certification.certificates import Certificates
-from ctc.certification.certify import Motions, Task, certify
-from ctc.certification.uncertainty import Uncertainty
+from ctc.certification import Certificate, Certificates, Motions, Task, Uncertainty, certify
 from ctc.tuning.effort_scale import effort_scale
 from ctc.tuning.inner_loops import inner_trials
 from ctc.tuning.known_gears import KnownGears, with_known_gears
 from ctc.tuning.search import SETTINGS, Tunings
 from ctc.tuning.tuning import Family, Trial, Tuning, families, varied
-from ctc.verdict.on_gears import SETTLED
+from ctc.verdict import SETTLED
 from identification import Identification, IdentificationWarning
 from plant import Arm, Rig
-from plant.machine.inner_loop import InnerLoop
+from plant.machine import InnerLoop
 from plant.parts import Floats, ProgressBar, known_options, progress_bar, real, warn
-from plant.simulation.executors import Executor
+from plant.simulation import Executor
 
 _RANK = operator.attrgetter("rank")
 

@@ -11,14 +11,9 @@ from typing import Any
 
 import numpy as np
 
-from ctc.certification.certificate import Certificate
-from ctc.certification.certificates import Certificates
-from ctc.certification.statement import SEARCH, percent
-from ctc.laws.computed_torque import ComputedTorque
-from ctc.laws.computed_torque_pid import ComputedTorquePID
-from ctc.laws.computed_torque_settings import VariedSettings
-from ctc.laws.feed_forward import FeedForward
-from ctc.stability.design import motor_gain
+from ctc.certification import SEARCH, Certificate, Certificates, percent
+from ctc.laws import ComputedTorque, ComputedTorquePID, FeedForward, VariedSettings
+from ctc.stability import motor_gain
 from ctc.tuning.inner_loops import InnerTrial, inner_table
 from ctc.tuning.known_gears import SETTINGS, KnownGears
 from identification import IdentificationWarning
@@ -32,14 +27,15 @@ from plant.parts import (
     Verdict,
     frozen,
     heading,
+    inside,
     kept,
     largest,
     largest_cell,
+    near,
+    several,
     significant,
     with_units,
 )
-from plant.parts.arguments import near, several
-from plant.parts.shown import inside
 
 Numbers = Mapping[str, Floats]
 

@@ -9,12 +9,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ctc.figures.errors import draw_band
+from ctc.figures import draw_band
 from ctc.verdict.evaluation import Evaluation
 from plant import Arm
-from plant.mechanics.newton_euler import joint_positions
-from plant.parts import Floats, array, instance, known_options, real
-from plant.parts.figures import axes_of, colour_of, dressed
+from plant.mechanics import joint_positions
+from plant.parts import Floats, array, axes_of, colour_of, dressed, instance, known_options, real
 
 # Poses that determine the plane of a planar arm, and the space of a motion. Chosen by hand: three
 # suffice for a plane, and 200 points of a motion leave no visible gap.

@@ -9,13 +9,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ctc.figures.errors import plot_evaluation, plot_phase
-from ctc.laws.model_law import ModelLaw
+from ctc.figures import plot_evaluation, plot_phase
+from ctc.laws import ModelLaw
 from ctc.verdict.on_gears import SETTLED, FromRest, LowestResonance, from_rest, lowest_resonance
 from ctc.verdict.servos import in_play, slow_profiles
 from plant import Arm, Record
-from plant.compiler.background import cores
-from plant.machine.elasticity import DAMPING_RATIO
+from plant.compiler import cores
+from plant.machine import DAMPING_RATIO
 from plant.parts import (
     Floats,
     Piece,

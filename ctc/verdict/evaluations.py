@@ -5,10 +5,10 @@ from typing import Any, TypedDict, Unpack, overload
 
 from numpy.typing import ArrayLike, NDArray
 
-from ctc.figures.errors import plot_comparison, plot_motions
+from ctc.figures import plot_comparison, plot_motions
 from ctc.verdict.evaluation import Evaluation
 from plant import Arm, Law, Reference, Rig
-from plant.motion.everyday import motions_of, naming, of_motion
+from plant.motion import motions_of, naming, of_motion
 from plant.parts import (
     Floats,
     Piece,
@@ -24,8 +24,7 @@ from plant.parts import (
     significant,
     with_units,
 )
-from plant.simulation.logged_run import DivergenceError
-from plant.simulation.simulator import Injected, run
+from plant.simulation import DivergenceError, Injected, run
 
 # Head of the columns with a number for each joint, the numbers of an `Evaluation`, their form, and
 # whether they are torques.

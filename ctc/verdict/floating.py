@@ -10,16 +10,22 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ctc.laws.float import Float
+from ctc.laws import Float
 from identification import Identification
 from plant import Arm, Chain, Harmonics, Rig, simulate
-from plant.mechanics.newton_euler import joint_positions
-from plant.parts.arguments import array, instance
-from plant.parts.fields import Floats
-from plant.parts.frozen import Frozen, frozen
-from plant.parts.settings import frozen_settings
-from plant.parts.shown import Piece, Shown, Verdict
-from plant.parts.tables import Table
+from plant.mechanics import joint_positions
+from plant.parts import (
+    Floats,
+    Frozen,
+    Piece,
+    Shown,
+    Table,
+    Verdict,
+    array,
+    frozen,
+    frozen_settings,
+    instance,
+)
 
 
 @frozen_settings

@@ -14,14 +14,11 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from identification.equation_error.estimate import Estimate
+from identification.equation_error import Estimate
 from plant import Arm, Drive, Elasticity, Law, Reference, Rig
-from plant.machine.elasticity import DAMPING_RATIO
+from plant.machine import DAMPING_RATIO
 from plant.parts import Frozen, Piece, Shown, Verdict, frozen, instance, real, whole
-from plant.simulation.logged_run import DivergenceError
-from plant.simulation.loop_kernel import LANES
-from plant.simulation.population import Population, Runs
-from plant.simulation.simulator import run
+from plant.simulation import LANES, DivergenceError, Population, Runs, run
 
 # Range in which resonances are tested [Hz].
 LOWEST = 10.0

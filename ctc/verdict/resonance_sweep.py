@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ctc.figures.loops import plot_sweep
+from ctc.figures import plot_sweep
 from ctc.verdict.evaluations import require_laws
 from ctc.verdict.on_gears import (
     HIGHEST,
@@ -20,8 +20,8 @@ from ctc.verdict.on_gears import (
 )
 from identification import Identification
 from plant import Arm, Law, Reference, Rig
-from plant.compiler.background import cores
-from plant.machine.elasticity import DAMPING_RATIO
+from plant.compiler import cores
+from plant.machine import DAMPING_RATIO
 from plant.parts import (
     Floats,
     Frozen,

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 
 from plant import Dynamics, Rig
-from plant.machine.motor_inertia import rotors_alone, shaft_inertias
-from plant.parts.fields import Floats
+from plant.machine import rotors_alone, shaft_inertias
+from plant.parts import Floats
 
 
 @dataclass(frozen=True, kw_only=True)

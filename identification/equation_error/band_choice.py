@@ -25,8 +25,7 @@ import numpy as np
 
 from identification.equation_error.least_squares import IDENTIFIABLE
 from identification.equation_error.regressor import Places, System
-from plant.parts import Floats, Integers, Piece, Shown, frozen, frozen_settings
-from plant.parts.sums import least, product
+from plant.parts import Floats, Integers, Piece, Shown, frozen, frozen_settings, least, product
 
 # Segments of all logs together, at least; and of each log, at most.
 SEGMENTS = 10

@@ -36,8 +36,19 @@ from identification.equation_error.random_effects import (
     restricted,
     size_of,
 )
-from plant.parts import Bools, Floats, Frozen, Integers, Shown, frozen, frozen_settings, kept
-from plant.parts.sums import norm, product, products
+from plant.parts import (
+    Bools,
+    Floats,
+    Frozen,
+    Integers,
+    Shown,
+    frozen,
+    frozen_settings,
+    kept,
+    norm,
+    product,
+    products,
+)
 
 
 @frozen_settings
@@ -139,7 +150,7 @@ class BetweenRuns(Shown, Frozen):
         reducible = np.flatnonzero(common < 0.25 * (within + added + common))
         further = 0
         if reducible.size:
-            further = _further(
+            further = further_logs(
                 within[reducible],
                 added[reducible],
                 apart.freedom[reducible],
@@ -152,7 +163,7 @@ class BetweenRuns(Shown, Frozen):
             values=estimates,
             std=std,
             compared=compared,
-            agree=compared & _agree(estimates, std),
+            agree=compared & runs_agree(estimates, std),
             **apart._asdict(),
             further=further,
             never=len(common) - reducible.size,
@@ -330,7 +341,7 @@ def _alone(values, rows, residual, runs, blocks):
     return _Runs(estimates, std / scale, remaining, share)
 
 
-def _agree(estimates, std):
+def runs_agree(estimates, std):
     """Whether the values (k,) of runs (R, k) agree within their intervals, by Cochran's Q."""
     from scipy.special import chdtri
 
@@ -343,7 +354,7 @@ def _agree(estimates, std):
     return squares <= chdtri(np.maximum(freedom, 1), SETTINGS.disagree)
 
 
-def _further(within, between, freedom, count, common=0.0):
+def further_logs(within, between, freedom, count, common=0.0):
     """Number of logs beyond `count` that halve the standard deviations of half of the values.
 
     Further logs are taken to be like these. Where no smaller number does, `SETTINGS.further`.

@@ -14,8 +14,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from plant.parts import Bools, Floats
-from plant.parts.sums import product
+from plant.parts import Bools, Floats, product
 
 # Beginnings of the names of friction that brakes, and has no sign.
 BRAKES = ("drive.viscous", "drive.coulomb", "drive.load_friction")

@@ -9,10 +9,9 @@ from identification.equation_error.prior import Prior
 from identification.equation_error.pulse_fit import pass_band
 from identification.equation_error.regressor import regressor_along
 from plant import Dynamics, Record
-from plant.checkup.counts import hardly_moving, in_step
-from plant.motion.reference import Motion
-from plant.parts import Integers, frozen_settings
-from plant.parts.sums import products
+from plant.checkup import hardly_moving, in_step
+from plant.motion import Motion
+from plant.parts import Integers, frozen_settings, products
 
 
 @frozen_settings

@@ -5,7 +5,7 @@ import functools
 import numpy as np
 from numpy.typing import ArrayLike
 
-from plant.motion.reference import Motion
+from plant.motion import Motion
 from plant.parts import Floats, real
 
 # Order of the Butterworth low-pass, chosen by hand. Run forwards and backwards it has no phase, and

@@ -12,8 +12,7 @@ import numpy as np
 from identification.equation_error.band_choice import tried
 from identification.equation_error.regressor import System
 from plant import Drive, FrictionCurve
-from plant.parts import Floats, Shown, frozen, frozen_settings
-from plant.parts.tables import listed
+from plant.parts import Floats, Shown, frozen, frozen_settings, listed
 
 KINDS = ("asymmetric", "load-dependent", "Stribeck", "saturating viscous", "rising")
 

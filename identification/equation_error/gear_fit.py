@@ -26,7 +26,7 @@ from identification.equation_error.torque_fit import TorqueFit
 from identification.equation_error.torque_logs import torque_of
 from identification.equation_error.two_encoders import Deflections, fit_wound
 from plant import Dynamics, Record
-from plant.motion.reference import Motion
+from plant.motion import Motion
 from plant.parts import Floats, frozen, frozen_settings
 
 
@@ -161,7 +161,7 @@ def fit_gears(
     fits = []
     for i in range(len(SETTINGS.bands)):
         try:
-            wound = [_Wound(record, _band(record, i)) for record in records]
+            wound = [_Wound(record, record_band(record, i)) for record in records]
             fits.append(_best(dynamics, wound, names, known_values, grid))
         except ValueError:
             # No equations in this band, or unknowns that are not separately identifiable in it.
@@ -169,7 +169,8 @@ def fit_gears(
     return fits
 
 
-def _band(record, i):
+def record_band(record, i):
+    """Upper frequency of a record's band `i` [Hz]; a replayed log has fixed ones."""
     replays = record.law is not None and bool(record.law.replays)
     return SETTINGS.replayed_bands[i] if replays else SETTINGS.bands[i] * mode_in(record)
 

@@ -18,12 +18,10 @@ from identification.equation_error.regressor import linear, regressor_and_torque
 from identification.equation_error.torque_fit import weighted
 from identification.equation_error.torque_logs import is_faster, law_torque
 from plant import Dynamics, LoggedCurrent, LoggedTorque, Record, Resumed
-from plant.laws.resumed import AlongLog
-from plant.machine.inner_loop import InnerLoop
-from plant.parts import Floats, frozen, frozen_settings
-from plant.parts.sums import least, norm, product, triangle
-from plant.simulation.clock import Clock
-from plant.simulation.law_run import LawRun, run_from, run_law
+from plant.laws import AlongLog
+from plant.machine import InnerLoop
+from plant.parts import Floats, frozen, frozen_settings, least, norm, product, triangle
+from plant.simulation import Clock, LawRun, run_from, run_law
 
 # Number of first samples in which the torque made by a state is ignored: there it looks like the
 # torque of an arm that began elsewhere.

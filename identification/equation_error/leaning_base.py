@@ -11,8 +11,8 @@ import numpy as np
 
 from identification.equation_error.regressor import regressor_along
 from plant import Dynamics, Rig
-from plant.motion.reference import Motion
-from plant.parts.fields import Floats
+from plant.motion import Motion
+from plant.parts import Floats
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -21,8 +21,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from plant.parts import Floats, Integers, frozen_settings
-from plant.parts.sums import dot, least, norm, product, products
+from plant.parts import Floats, Integers, dot, frozen_settings, least, norm, product, products
 
 
 @frozen_settings

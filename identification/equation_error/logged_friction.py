@@ -29,8 +29,8 @@ from identification.equation_error.torque_equations import (
 )
 from identification.equation_error.torque_fit import TorqueFit
 from plant import FrictionCurve
-from plant.motion.reference import Motion
-from plant.parts.fields import Bools, Floats
+from plant.motion import Motion
+from plant.parts import Bools, Floats
 
 
 def stated_offsets(task: TorqueEquations) -> bool:

@@ -42,8 +42,7 @@ from identification.equation_error.torque_equations import (
 from identification.equation_error.torque_error import error_of_logs
 from identification.equation_error.torque_fit import TorqueFit
 from plant import Dynamics, Record, Rig
-from plant.parts.arguments import array, known_options, real, whole
-from plant.parts.fields import Floats
+from plant.parts import Floats, array, known_options, real, whole
 
 
 @known_options

@@ -7,7 +7,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from plant import Dynamics, Record
-from plant.mechanics.lumping import STANDARD
+from plant.mechanics import STANDARD
 
 T = TypeVar("T")
 

@@ -15,8 +15,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from plant.parts import Floats, Integers, frozen_settings
-from plant.parts.sums import product
+from plant.parts import Floats, Integers, frozen_settings, product
 
 
 @frozen_settings

@@ -14,10 +14,8 @@ import numpy as np
 
 from identification.equation_error.restated import candidates_of
 from identification.equation_error.stated_equation import TorqueEquation
-from plant import Dynamics, Record
-from plant.checkup.hypothesis import Cause, Hypothesis, ranking
-from plant.checkup.score import Experiment
-from plant.checkup.trials import Trials
+from plant import Dynamics, Hypothesis, Record
+from plant.checkup import Cause, Experiment, Trials, ranking
 
 
 class Tried(NamedTuple):
@@ -48,7 +46,9 @@ class _WithArm(Experiment):
         return -np.inf if self.equation is None else self.equation.evidence
 
 
-def tried(dynamics: Dynamics, record: Record, hypotheses: Sequence[Hypothesis[Any]]) -> Tried:
+def ranked_own_rows(
+    dynamics: Dynamics, record: Record, hypotheses: Sequence[Hypothesis[Any]]
+) -> Tried:
     """Rank the hypotheses of a user's own, with an arm and then without one."""
     by_name = {hypothesis.name: hypothesis for hypothesis in hypotheses}
     # 1. With the arm, which knows most. A row's own evidence, and its place among the checks, are

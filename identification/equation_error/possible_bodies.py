@@ -19,8 +19,8 @@ import numpy as np
 from identification.equation_error.bounds import brakes
 from identification.equation_error.torque_fit import TorqueFit
 from plant import Body, Dynamics, Rig
-from plant.machine.motor_inertia import LEAST_MOTOR_INERTIA
-from plant.mechanics.lumping import STANDARD, standard_parameters
+from plant.machine import LEAST_MOTOR_INERTIA
+from plant.mechanics import STANDARD, standard_parameters
 from plant.parts import Floats, Integers, frozen_settings
 
 

@@ -19,10 +19,8 @@ import numpy as np
 
 from identification.equation_error.least_squares import IDENTIFIABLE
 from plant import Arm, Body, Dynamics, Rig
-from plant.mechanics.body import prior_changes, prior_factor
-from plant.mechanics.lumping import STANDARD
-from plant.parts import Floats, Frozen, array, frozen, kept, real
-from plant.parts.sums import dot, triangle
+from plant.mechanics import STANDARD, prior_changes, prior_factor
+from plant.parts import Floats, Frozen, array, dot, frozen, kept, real, triangle
 
 _ADVICE = "Give a relative spread such as 0.3, or (bodies or f, 0.3)."
 

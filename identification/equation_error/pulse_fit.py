@@ -18,13 +18,10 @@ from identification.equation_error.prior import Known
 from identification.equation_error.regressor import Filtering, System, linear, regressor_and_torque
 from identification.equation_error.torque_fit import TorqueFit, weighted
 from identification.equation_error.torque_logs import torque_of
-from plant import Arm, Dynamics, Law, Record, Rig
-from plant.analysis.linearise import modes
-from plant.checkup.lost_rows import on_lines
-from plant.checkup.oscillation import spectrum
+from plant import Arm, Dynamics, Law, Record, Rig, modes
+from plant.checkup import on_lines, spectrum
 from plant.parts import Floats, frozen_settings
-from plant.simulation.clock import Clock
-from plant.simulation.jacobians import jacobians
+from plant.simulation import Clock, jacobians
 
 
 @frozen_settings

@@ -9,8 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from plant.parts.fields import Floats
-from plant.parts.sums import product
+from plant.parts import Floats, product
 
 # Groups whose values differ in shares of their size.
 RELATIVE = ("drive.viscous", "drive.coulomb", "drive.elasticity.compliance")

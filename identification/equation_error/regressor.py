@@ -18,10 +18,9 @@ from numpy.typing import ArrayLike
 
 from identification.equation_error.filters import derivatives, low_pass
 from plant import Dynamics, Rig
-from plant.checkup.lost_rows import BRIDGED, short_gaps
-from plant.motion.reference import Motion
-from plant.parts import Bools, Floats, Integers, array, frozen, near
-from plant.parts.checked_function import evaluated
+from plant.checkup import BRIDGED, short_gaps
+from plant.motion import Motion
+from plant.parts import Bools, Floats, Integers, array, evaluated, frozen, near
 
 # Beginnings of the names of friction, in which the torque is linear, and of springs, in some of
 # whose numbers it is linear.

@@ -16,17 +16,8 @@ from identification.equation_error import restatements as undo
 from identification.equation_error.naming import misread
 from identification.equation_error.stated_equation import SETTINGS, TorqueEquation
 from identification.equation_error.torque_logs import TorqueLog
-from plant import Dynamics, Record
-from plant.checkup.hypothesis import (
-    Candidate,
-    Cause,
-    Hypothesis,
-    SelectionSettings,
-    each_joint,
-    pairs,
-    ranking,
-    whole,
-)
+from plant import Dynamics, Hypothesis, Record
+from plant.checkup import Candidate, Cause, SelectionSettings, each_joint, pairs, ranking, whole
 
 # `against`, the log odds against a mistake, are those of a residual that no right log reaches, with
 # a margin. 40 right logs of the corpus (``tests/benchmarks/verdicts.py``; fast starts, creeping

@@ -11,7 +11,7 @@ import numpy as np
 
 from identification.equation_error.regressor import regressor_along
 from identification.equation_error.stated_equation import SETTINGS
-from plant.motion.reference import Motion
+from plant.motion import Motion
 
 
 def _signs(n, joint):

@@ -19,11 +19,9 @@ from identification.equation_error.leaning_base import LeaningBase
 from identification.equation_error.regressor import regressor_along
 from identification.equation_error.torque_logs import TorqueLog, torque_of
 from plant import Dynamics, Record, Rig
-from plant.checkup.counts import hardly_moving
-from plant.checkup.innovation import LEAST_MOTION
-from plant.checkup.signals import Signals
-from plant.motion.reference import Motion
-from plant.parts.fields import Bools, Floats, Integers
+from plant.checkup import LEAST_MOTION, Signals, hardly_moving
+from plant.motion import Motion
+from plant.parts import Bools, Floats, Integers
 
 
 @dataclass(frozen=True, kw_only=True)

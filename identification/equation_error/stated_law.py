@@ -24,11 +24,9 @@ from identification.equation_error.torque_noise import (
     white_noise,
 )
 from plant import Record, Resumed
-from plant.laws.pid import variants
-from plant.parts import Floats, frozen_settings
-from plant.parts.sums import dot, least
-from plant.simulation.followed_path import path_of, start_of
-from plant.simulation.law_run import run_law
+from plant.laws import variants
+from plant.parts import Floats, dot, frozen_settings, least
+from plant.simulation import path_of, run_law, start_of
 
 
 @frozen_settings

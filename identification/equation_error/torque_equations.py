@@ -20,11 +20,8 @@ from identification.equation_error.regressor import (
 from identification.equation_error.torque_fit import TorqueFit, weighted
 from identification.equation_error.torque_logs import TorqueLog, dead_columns, thinned, torque_logs
 from plant import Dynamics, FrictionCurve, Rig
-from plant.motion.reference import Motion
-from plant.parts.arguments import choice, instance, real
-from plant.parts.fields import Bools, Floats
-from plant.parts.frozen import frozen
-from plant.parts.settings import frozen_settings
+from plant.motion import Motion
+from plant.parts import Bools, Floats, choice, frozen, frozen_settings, instance, real
 
 OFFSET = "drive.curve.offset"
 VISCOUS_OFFSET = "drive.curve.viscous_offset"

@@ -26,10 +26,10 @@ from plant.parts import (
     array,
     frozen,
     heading,
+    norm,
     real,
     with_units,
 )
-from plant.parts.sums import norm
 
 # Band [Hz] where none is stated, or less where the sample rate carries less: joints move slower,
 # and what is faster is vibration. The same for all fits.

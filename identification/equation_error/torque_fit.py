@@ -31,9 +31,8 @@ from identification.equation_error.regressor import Places, System
 from identification.equation_error.torque_error import Further, PredictsTorque, TorqueError
 from identification.equation_error.torque_summary import summary_of, warnings_of
 from plant import Arm, Dynamics, Reference, Rig
-from plant.checkup.hypothesis import Cause
-from plant.parts import Floats, Frozen, Integers, Piece, Shown, choice, frozen
-from plant.parts.sums import norm, product
+from plant.checkup import Cause
+from plant.parts import Floats, Frozen, Integers, Piece, Shown, choice, frozen, norm, product
 
 
 @frozen

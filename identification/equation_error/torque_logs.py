@@ -8,12 +8,10 @@ import numpy as np
 from identification.equation_error.filters import low_pass
 from identification.equation_error.naming import each_named, record_label
 from plant import Dynamics, Record, Reference, Resumed, Rig
-from plant.checkup.lost_rows import bridged
-from plant.laws.replayed import commanded_torque
+from plant.checkup import bridged
+from plant.laws import commanded_torque
 from plant.parts import Floats, array, frozen, instance
-from plant.simulation.clock import Clock
-from plant.simulation.law_run import LawRun, run_law
-from plant.simulation.simulator import injected_beside
+from plant.simulation import Clock, LawRun, injected_beside, run_law
 
 
 def torque_of(record: Record) -> Floats:

@@ -7,8 +7,7 @@ law's torque tell the chatter of its counts apart, which the arm did feel.
 
 import numpy as np
 
-from plant.parts import Bools, Floats, frozen_settings
-from plant.parts.sums import dot
+from plant.parts import Bools, Floats, dot, frozen_settings
 
 
 @frozen_settings

@@ -10,9 +10,7 @@ from identification.equation_error.between_runs import ONE_LOG
 from identification.equation_error.bounds import brakes
 from identification.equation_error.least_squares import NORMAL
 from identification.equation_error.naming import short_names, units
-from plant.parts import Aside, Bools, Piece, Table, Verdict, Warned, frozen_settings
-from plant.parts.shown import inside
-from plant.parts.tables import listed
+from plant.parts import Aside, Bools, Piece, Table, Verdict, Warned, frozen_settings, inside, listed
 
 
 @frozen_settings

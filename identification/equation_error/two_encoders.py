@@ -23,10 +23,9 @@ from identification.equation_error.regressor import System, compared, regressor_
 from identification.equation_error.torque_fit import TorqueFit, weighted
 from identification.equation_error.torque_logs import torque_of
 from plant import Dynamics, Record
-from plant.checkup.lost_rows import on_lines
-from plant.motion.reference import Motion
-from plant.parts.fields import Bools, Floats
-from plant.parts.sums import product, products
+from plant.checkup import on_lines
+from plant.motion import Motion
+from plant.parts import Bools, Floats, product, products
 
 # Relative standard deviation of the torques from errors other than those of f: unstated gears,
 # wrong lengths, a wrong direction of gravity. Chosen by hand.

@@ -15,16 +15,14 @@ import functools
 import casadi as ca
 import numpy as np
 
-from identification.equation_error.least_squares import NORMAL
+from identification.equation_error import NORMAL
 from identification.payload.kernel_estimate import Smoothing, Window
 from identification.payload.posterior import LoadShape, PayloadEstimate, judged
-from identification.search.genetic import GeneticSettings, minimize_genetic
+from identification.search import GeneticSettings, minimize_genetic
 from plant import Arm, LoggedTorque, Rig
-from plant.machine.rig import smooth_rig
+from plant.machine import smooth_rig
 from plant.parts import Floats, frozen_settings
-from plant.simulation.closed_loop import ClosedLoop
-from plant.simulation.layout import Correction
-from plant.simulation.loop_kernel import LANES, loop_kernel
+from plant.simulation import LANES, ClosedLoop, Correction, loop_kernel
 
 _ROUNDING = np.sqrt(1 / 12)  # standard deviation of a rounded count [pulses]
 

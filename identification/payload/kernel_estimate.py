@@ -12,11 +12,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from identification.equation_error.regressor import balance
+from identification.equation_error import balance
 from identification.payload.posterior import LoadShape, PayloadEstimate, information, posterior
-from identification.results.identification import Identification
+from identification.results import Identification
 from plant import Arm, Rig
-from plant.compiler.intrinsics import MapKernel
+from plant.compiler import MapKernel
 from plant.parts import Floats, array, frozen_settings, instance, real
 
 

@@ -4,10 +4,9 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from identification.equation_error.least_squares import NORMAL
+from identification.equation_error import NORMAL
 from identification.payload.load_search import LoadSearch
-from identification.search.outcome import Fit
-from identification.search.problem import Problem
+from identification.search import Fit, Problem
 from plant import Arm, Rig
 from plant.parts import (
     Floats,

@@ -10,20 +10,27 @@ from typing import Any, Self
 
 import numpy as np
 
-from identification.equation_error.least_squares import IDENTIFIABLE, NotIdentifiableError
-from identification.equation_error.naming import each_named
-from identification.equation_error.prior import ROUNDING
-from identification.equation_error.pulse_fit import pass_band, system_of
-from identification.equation_error.regressor import LINEAR
-from identification.equation_error.torque_fit import weighted
-from identification.replay.gauss_newton import Solution, reweighed, variance_inflation
-from identification.replay.prediction import Prediction
-from identification.replay.residual import Reparametrised, WithPrior
-from identification.search.outcome import Outcome
-from identification.search.polish import by_stages, fit_of
-from identification.search.problem import Problem
+from identification.equation_error import (
+    IDENTIFIABLE,
+    LINEAR,
+    ROUNDING,
+    NotIdentifiableError,
+    each_named,
+    pass_band,
+    system_of,
+    weighted,
+)
+from identification.replay import (
+    Prediction,
+    Reparametrised,
+    Solution,
+    WithPrior,
+    reweighed,
+    variance_inflation,
+)
+from identification.search import Outcome, Problem, by_stages, fit_of
 from plant import Body, Dynamics
-from plant.mechanics.base_parameters import independent_columns
+from plant.mechanics import independent_columns
 from plant.parts import Floats, frozen, frozen_settings
 
 # Relative change of the noise above which the priors of friction are weighed anew, and the fit is

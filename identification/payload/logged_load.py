@@ -23,24 +23,21 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from identification.equation_error.law_memory import along_log
-from identification.equation_error.least_squares import covariance_of
-from identification.equation_error.naming import of_each
-from identification.equation_error.restated import wrong_statements
-from identification.equation_error.torque_fit import TorqueFit
-from identification.equation_error.torque_logs import measured_torque
+from identification.equation_error import (
+    TorqueFit,
+    along_log,
+    covariance_of,
+    measured_torque,
+    of_each,
+    wrong_statements,
+)
 from identification.payload.load import Load, birge, warnings_of
 from identification.payload.load_search import LoadSearch, UnknownLoad
-from identification.replay.experiment import as_records
-from identification.replay.objective import Objective
-from identification.results.identification import Identification, covariance_of_f
-from identification.results.summary import warn_of_doubts
-from identification.search.genetic import GeneticSettings
-from identification.search.memory import with_memory
-from identification.search.outcome import Outcome
-from identification.search.problem import Problem
+from identification.replay import Objective, as_records
+from identification.results import Identification, covariance_of_f, warn_of_doubts
+from identification.search import GeneticSettings, Outcome, Problem, with_memory
 from plant import Arm, FrictionCurve, LoggedTorque, Record, Rig
-from plant.checkup.lost_rows import bridged
+from plant.checkup import bridged
 from plant.parts import Floats, array, instance, known_options, real
 
 # Range of the mass where the user states none [kg]: wider than any load on a robot, but finite for

@@ -11,9 +11,9 @@ from typing import Self
 import numpy as np
 from numpy.typing import ArrayLike
 
-from identification.equation_error.least_squares import NORMAL
+from identification.equation_error import NORMAL
 from plant import Arm, Body
-from plant.mechanics.lumping import STANDARD
+from plant.mechanics import STANDARD
 from plant.parts import (
     Floats,
     Frozen,
@@ -24,9 +24,9 @@ from plant.parts import (
     array,
     frozen,
     frozen_settings,
+    least,
     real,
 )
-from plant.parts.sums import least
 
 
 @frozen_settings

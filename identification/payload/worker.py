@@ -24,8 +24,7 @@ from identification.payload.genetic_estimate import GeneticEstimator
 from identification.payload.kernel_estimate import KernelEstimator, Window
 from identification.payload.posterior import LoadShape, PayloadEstimate
 from plant import Arm, Rig
-from plant.parts.arguments import choice
-from plant.parts.fields import Floats
+from plant.parts import Floats, choice
 
 # Memory of a replay of the genetic algorithm [s]: with 0.04 its errors were three times as large.
 FORGETTING = 0.02

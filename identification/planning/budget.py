@@ -10,10 +10,8 @@ from collections.abc import Iterable, Iterator
 
 import numpy as np
 
-from identification.equation_error.least_squares import IDENTIFIABLE, least_squares
-from identification.equation_error.naming import short_names
-from identification.replay.gauss_newton import slopes
-from identification.replay.prediction import Prediction
+from identification.equation_error import IDENTIFIABLE, least_squares, short_names
+from identification.replay import Prediction, slopes
 from plant import Arm, Dynamics, Law, Reference, Rig, simulate
 from plant.parts import Aside, Floats, Frozen, Piece, Shown, Table, frozen, known_options
 

@@ -20,10 +20,9 @@ from numpy.typing import ArrayLike
 
 from identification.planning.multisine import experiment_of, motion_limits, multisines
 from plant import Arm, Chain, Harmonics, Law, Rig
-from plant.mechanics.newton_euler import lumped_torque
-from plant.mechanics.symmetric_inverse import inverse
+from plant.mechanics import inverse, lumped_torque
 from plant.parts import Floats, choice, frozen_settings, instance, known_options, real, whole
-from plant.simulation.executors import mapped
+from plant.simulation import mapped
 
 
 @frozen_settings

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from identification.equation_error.least_squares import least_squares
+from identification.equation_error import least_squares
 from plant import Record
 from plant.parts import (
     Floats,
@@ -19,12 +19,12 @@ from plant.parts import (
     Shown,
     Table,
     array,
+    dot,
     frozen,
     instance,
     known_options,
     real,
 )
-from plant.parts.sums import dot
 
 # Share of the amplifier's limit up to which a current follows the error. Chosen by hand, a little
 # below 1, so that no saturated current counts.

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from identification.equation_error.torque_logs import measured_torque
+from identification.equation_error import measured_torque
 from identification.planning.gear_resonances import Resonances, resonances
 from plant import Drive, Record
 from plant.parts import (
@@ -26,13 +26,16 @@ from plant.parts import (
     Shown,
     Table,
     choice,
+    colour_of,
     frozen,
     instance,
     known_options,
+    legend_above,
+    literal,
     real,
+    row_by_row,
     whole,
 )
-from plant.parts.figures import colour_of, legend_above, literal, row_by_row
 
 if TYPE_CHECKING:
     import control

@@ -11,18 +11,23 @@ from typing import Any
 
 import numpy as np
 
-from plant import Phase
-from plant.compiler.background import shared_out
-from plant.logs.record import Record
-from plant.machine.rig import smooth_rig
-from plant.mechanics.dynamics import Dynamics
-from plant.parts import Floats, instance, near
-from plant.parts.arguments import several
-from plant.simulation.clock import Clock
-from plant.simulation.closed_loop import ClosedLoop, closed_loop
-from plant.simulation.followed_path import Logged, counts_along, path_of, start_of
-from plant.simulation.loop_kernel import LOGGED, logged_kernel, loop_kernel
-from plant.simulation.simulator import injected_beside
+from plant import Dynamics, Phase, Record
+from plant.compiler import shared_out
+from plant.machine import smooth_rig
+from plant.parts import Floats, instance, near, several
+from plant.simulation import (
+    LOGGED,
+    Clock,
+    ClosedLoop,
+    Logged,
+    closed_loop,
+    counts_along,
+    injected_beside,
+    logged_kernel,
+    loop_kernel,
+    path_of,
+    start_of,
+)
 
 # Words among the unknowns, and the numbers that each stands for.
 GROUPS = {"friction": ("drive.viscous", "drive.coulomb"), "gains": ("law.gain",)}

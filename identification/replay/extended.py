@@ -15,13 +15,12 @@ from typing import Self
 import casadi as ca
 import numpy as np
 
-from identification.equation_error.prior import Prior, PriorRows
-from identification.equation_error.torque_logs import between_samples
+from identification.equation_error import Prior, PriorRows, between_samples
 from identification.replay.prediction import Prediction
 from identification.replay.residual import Stacked
 from identification.replay.timing import without_delay
 from plant import Dynamics, Elasticity, FrictionCurve, Law, Record
-from plant.compiler.background import cores
+from plant.compiler import cores
 from plant.parts import Floats, frozen_settings, instance
 
 

@@ -7,13 +7,13 @@ from typing import Any, Self
 
 import numpy as np
 
-from identification.equation_error.law_memory import FADED, Memory, Resumption
+from identification.equation_error import FADED, Memory, Resumption
 from identification.replay.experiment import Experiment, Rounding
 from plant import Dynamics, Record
-from plant.checkup.counts import hardly_moving
-from plant.machine.inner_loop import InnerLoop
+from plant.checkup import hardly_moving
+from plant.machine import InnerLoop
 from plant.parts import Floats, frozen_settings
-from plant.simulation.loop_kernel import LOGGED, logged_kernel
+from plant.simulation import LOGGED, logged_kernel
 
 
 @frozen_settings

@@ -9,12 +9,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from identification.equation_error.least_squares import IDENTIFIABLE, least_squares
+from identification.equation_error import IDENTIFIABLE, least_squares
 from identification.replay.residual import Innovations, Residual, Reweighable
 from identification.replay.weak_directions import with_weak_directions
-from plant.compiler.background import cores
-from plant.parts import Bools, Floats, Integers, frozen, frozen_settings
-from plant.parts.sums import dot, norm
+from plant.compiler import cores
+from plant.parts import Bools, Floats, Integers, dot, frozen, frozen_settings, norm
 
 # The usual rule; a residual with a prior has another (`Residual.dependent`).
 DEPENDENT = IDENTIFIABLE.slopes

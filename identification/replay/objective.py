@@ -8,13 +8,13 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
-from identification.equation_error.naming import of_each
+from identification.equation_error import of_each
 from identification.replay.experiment import Experiment, as_records
 from plant import Dynamics, Record
-from plant.compiler.background import cores, shared_out
-from plant.machine.motor_inertia import least_inertia_margin
+from plant.compiler import cores, shared_out
+from plant.machine import least_inertia_margin
 from plant.parts import Floats, array, known_options, whole
-from plant.simulation.loop_kernel import LANES
+from plant.simulation import LANES
 
 # Joints up to which the inertia of candidates is checked at so few poses that another thread takes
 # longer to start than it saves.

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from identification.equation_error.least_squares import IDENTIFIABLE, along, directions
+from identification.equation_error import IDENTIFIABLE, along, directions
 from identification.replay.extended import Extended
 from identification.replay.gauss_newton import (
     Descent,
@@ -20,8 +20,7 @@ from identification.replay.gauss_newton import (
     variance_inflation,
     within_bounds,
 )
-from plant.parts import Floats, frozen, frozen_settings
-from plant.parts.sums import dot, norm, product
+from plant.parts import Floats, dot, frozen, frozen_settings, norm, product
 
 # The start is near the optimum: the full step is tried alone, then all shorter ones together.
 _SETTINGS = GaussNewtonSettings(rounds=6, tolerance=1e-4, batches=(1, 7), longest=True)

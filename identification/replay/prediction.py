@@ -20,19 +20,26 @@ from typing import Self
 
 import numpy as np
 
-from identification.equation_error.law_memory import FADED, Memory, Resumption, closed
-from identification.equation_error.least_squares import IDENTIFIABLE
-from identification.equation_error.naming import of_each, record_label
-from identification.equation_error.prior import ROUNDING, Prior, PriorRows
+from identification.equation_error import (
+    FADED,
+    IDENTIFIABLE,
+    ROUNDING,
+    Memory,
+    Prior,
+    PriorRows,
+    Resumption,
+    closed,
+    of_each,
+    record_label,
+)
 from identification.replay.experiment import as_records
 from identification.replay.followed import Followed
 from identification.replay.gauss_newton import DEPENDENT, noise, side_by_side
 from identification.replay.residual import Stacked, joined
 from plant import Dynamics, Record
-from plant.compiler.background import cores, shared_out
+from plant.compiler import cores, shared_out
 from plant.parts import Floats, frozen_settings
-from plant.simulation.layout import Correction
-from plant.simulation.loop_kernel import LOGGED
+from plant.simulation import LOGGED, Correction
 
 
 @frozen_settings

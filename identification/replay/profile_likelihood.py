@@ -10,11 +10,10 @@ of Computation 19 (1965) (slopes from evaluations alone).
 
 import numpy as np
 
-from identification.equation_error.least_squares import IDENTIFIABLE, least_squares
+from identification.equation_error import IDENTIFIABLE, least_squares
 from identification.replay.gauss_newton import Descent, slopes
 from identification.replay.residual import Innovations
-from plant.parts import Floats, frozen_settings
-from plant.parts.sums import dot, product
+from plant.parts import Floats, dot, frozen_settings, product
 
 
 @frozen_settings

@@ -10,8 +10,8 @@ from typing import Protocol
 
 import numpy as np
 
-from identification.equation_error.prior import PriorRows
-from plant.parts.fields import Floats
+from identification.equation_error import PriorRows
+from plant.parts import Floats
 
 
 class Innovations(Protocol):
@@ -70,7 +70,7 @@ class Reweighable(Residual, Protocol):
         ...
 
 
-class _Batched:
+class Batched:
     """A residual that simulates several vectors side by side."""
 
     def innovations(self, values: Floats) -> Floats:
@@ -83,7 +83,7 @@ class _Batched:
         raise NotImplementedError
 
 
-class Reparametrised(_Batched):
+class Reparametrised(Batched):
     """A residual as a function of other unknowns.
 
     `unknown`: names of the coordinates. `values_of`: coordinates (j,) -> values (k,) of the
@@ -128,7 +128,7 @@ class Reparametrised(_Batched):
         return self.residual.reweigh(self.values_of(coordinates))
 
 
-class WithPrior(_Batched):
+class WithPrior(Batched):
     """A residual, and behind it how far unknowns are from their expected values.
 
     `deviations`: unknowns (k,) -> deviations (count,), each in its standard deviations. `noise`:
@@ -181,7 +181,7 @@ class WithPrior(_Batched):
         return self.residual.reweigh(values)
 
 
-class Stacked(_Batched):
+class Stacked(Batched):
     """The rows of several records one after another: first a prior's of f, last expected values.
 
     `weights`: of the innovations of each record; `expected`: of the last rows. A class that derives

@@ -14,13 +14,12 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
-from identification.equation_error.least_squares import NORMAL
+from identification.equation_error import NORMAL
 from identification.replay.gauss_newton import variance_inflation
 from identification.replay.prediction import Prediction
 from identification.replay.residual import Reparametrised, WithPrior
 from plant import Dynamics, Elasticity, Record, Rig
-from plant.parts import Floats, frozen_settings
-from plant.parts.sums import dot
+from plant.parts import Floats, dot, frozen_settings
 
 STIFFNESS = "drive.elasticity.stiffness"
 DAMPING = "drive.elasticity.damping"

@@ -15,8 +15,7 @@ from identification.replay.followed import speed_of
 from identification.replay.gauss_newton import variance_inflation
 from identification.replay.prediction import Prediction
 from plant import Dynamics, Record
-from plant.parts import Floats, frozen_settings, instance, known_options, real
-from plant.parts.sums import dot
+from plant.parts import Floats, dot, frozen_settings, instance, known_options, real
 
 
 @frozen_settings

@@ -12,11 +12,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from identification.equation_error.least_squares import IDENTIFIABLE, NotIdentifiableError
+from identification.equation_error import IDENTIFIABLE, NotIdentifiableError
 from identification.replay.residual import Residual
-from plant.parts.fields import Bools, Floats, Integers
-from plant.parts.settings import frozen_settings
-from plant.parts.sums import norm, products
+from plant.parts import Bools, Floats, Integers, frozen_settings, norm, products
 
 
 @frozen_settings

@@ -15,9 +15,7 @@ import numpy as np
 
 from identification.replay.gauss_newton import Solution, noise, slopes
 from identification.replay.residual import Reparametrised, Reweighable
-from plant.parts.fields import Floats, Integers
-from plant.parts.settings import frozen_settings
-from plant.parts.sums import dot, norm, products
+from plant.parts import Floats, Integers, dot, frozen_settings, norm, products
 
 
 @frozen_settings

@@ -11,17 +11,15 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from identification.equation_error.torque_logs import torque_of
-from identification.replay.optimum import Optimum
+from identification.equation_error import torque_of
+from identification.replay import Optimum
 from identification.results.assumed import smoothed
 from plant import Record
-from plant.compiler.background import shared_out
-from plant.laws.pid import variants
-from plant.laws.replayed import commanded_torque
-from plant.laws.resumed import AlongLog
-from plant.mechanics.newton_euler import lumped_torque
-from plant.parts.fields import Floats
-from plant.simulation.law_run import run_law
+from plant.compiler import shared_out
+from plant.laws import AlongLog, commanded_torque, variants
+from plant.mechanics import lumped_torque
+from plant.parts import Floats
+from plant.simulation import run_law
 
 CYCLES = 24  # of a motor's cogging per turn, at most
 

@@ -18,16 +18,12 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from identification.equation_error.least_squares import along, directions
-from identification.replay.extended import Number, joint_of, kind_of
-from identification.replay.optimum import Optimum, Trial, backlash, compliance
+from identification.equation_error import along, directions
+from identification.replay import Number, Optimum, Trial, backlash, compliance, joint_of, kind_of
 from identification.results.along_log import at_reversals
 from identification.results.assumed import SHARE, longer
-from plant.compiler.background import shared_out
-from plant.parts.fields import Floats
-from plant.parts.frozen import Frozen, frozen
-from plant.parts.kinds import kept
-from plant.parts.shown import Piece, Shown, Verdict
+from plant.compiler import shared_out
+from plant.parts import Floats, Frozen, Piece, Shown, Verdict, frozen, kept
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -11,13 +11,17 @@ from collections.abc import Iterator, Mapping, Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 
-from identification.equation_error.filters import BAND_MOST, CUTOFF, derivatives
-from identification.equation_error.pulse_fit import path_in
-from identification.equation_error.regressor import linear, regressor_along
+from identification.equation_error import (
+    BAND_MOST,
+    CUTOFF,
+    derivatives,
+    linear,
+    path_in,
+    regressor_along,
+)
 from plant import Arm, Dynamics, Record
-from plant.motion.reference import Motion
-from plant.parts import Floats, Frozen, Piece, Shown, Table, frozen, real
-from plant.parts.sums import least, product, products
+from plant.motion import Motion
+from plant.parts import Floats, Frozen, Piece, Shown, Table, frozen, least, product, products, real
 
 # Samples of the motion at which torques are compared, at most: neighbours repeat each other, and
 # the regressor of a sample is slow. Chosen by hand.

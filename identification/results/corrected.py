@@ -4,8 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from identification.replay.extended import Number, kind_of
-from identification.replay.timing import without_delay
+from identification.replay import Number, kind_of, without_delay
 from identification.results.alternatives import Sign
 from identification.results.with_arm import BY_NAME
 from plant import FrictionCurve, Record

@@ -8,17 +8,13 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from identification.equation_error.between_runs import BetweenRuns
-from identification.equation_error.least_squares import at_least
-from identification.replay.extended import joint_of
+from identification.equation_error import BetweenRuns, at_least
+from identification.replay import joint_of
 from identification.results.alternatives import ArmHypothesis, Sign
 from identification.results.with_arm import BY_NAME, STIFF
-from identification.search.outcome import Fit
-from plant.checkup.hypothesis import Cause, Rival
-from plant.parts.fields import Floats
-from plant.parts.frozen import Frozen, frozen
-from plant.parts.kinds import kept
-from plant.parts.shown import Piece, Shown, Verdict, Warned
+from identification.search import Fit
+from plant.checkup import Cause, Rival
+from plant.parts import Floats, Frozen, Piece, Shown, Verdict, Warned, frozen, kept
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -17,33 +17,33 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from identification.equation_error.between_runs import BetweenRuns
-from identification.equation_error.least_squares import at_least, wider
-from identification.equation_error.pulse_fit import over_bands
-from identification.equation_error.random_effects import differing
-from identification.equation_error.stated_law import torque_apart
-from identification.replay.objective import Objective
-from identification.replay.timing import delay_of, is_late
+from identification.equation_error import (
+    BetweenRuns,
+    at_least,
+    differing,
+    over_bands,
+    torque_apart,
+    wider,
+)
+from identification.replay import Objective, delay_of, is_late
 from identification.results.detection import Detection
 from identification.results.stepwise import detect
 from identification.results.with_arm import OF_RECORDS
-from identification.search.memory import placed, repeating
-from identification.search.methods import prediction_error
-from identification.search.outcome import Fit, Outcome
-from identification.search.polish import FIT
-from identification.search.predictive import (
+from identification.search import (
+    FIT,
     ROUGH,
+    Fit,
+    Outcome,
     Predicted,
+    Problem,
     doubtful,
     in_open_loop,
+    placed,
     predicted,
+    prediction_error,
+    repeating,
 )
-from identification.search.problem import Problem
-from plant.parts.checkpoint import Checkpoint
-from plant.parts.fields import Floats
-from plant.parts.frozen import Frozen, frozen
-from plant.parts.kinds import kept
-from plant.parts.shown import Piece, Shown
+from plant.parts import Checkpoint, Floats, Frozen, Piece, Shown, frozen, kept
 
 # Effects that the rig may lack can raise the limit to at most this multiple of the difference
 # between two runs of the model. Without a bound, tolerances would hide any difference. Set by hand.

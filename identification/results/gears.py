@@ -7,16 +7,24 @@ from typing import Any, Self
 
 import numpy as np
 
-from identification.equation_error.between_runs import BetweenRuns
-from identification.equation_error.naming import each_named, record_label
-from identification.equation_error.prior import Known, Prior
-from identification.equation_error.pulse_fit import fit_systems, pass_band, path_in
-from identification.equation_error.restated import wrong_statements
-from identification.equation_error.torque_logs import evened
-from identification.equation_error.two_encoders import Deflections, Wound, fit_wound
+from identification.equation_error import (
+    BetweenRuns,
+    Deflections,
+    Known,
+    Prior,
+    Wound,
+    each_named,
+    evened,
+    fit_systems,
+    fit_wound,
+    pass_band,
+    path_in,
+    record_label,
+    wrong_statements,
+)
 from identification.results.identification import Identification, covariance_of_f
 from plant import Arm, Dynamics, Elasticity, Record
-from plant.checkup.lost_rows import bridged
+from plant.checkup import bridged
 from plant.parts import (
     Floats,
     Frozen,

@@ -9,25 +9,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from identification.equation_error.law_memory import along_log
-from identification.equation_error.naming import short_names
-from identification.equation_error.restated import restated
-from identification.equation_error.torque_error import PredictsTorque
-from identification.planning.budget import pulse_budget
+from identification.equation_error import PredictsTorque, along_log, restated, short_names
+from identification.planning import pulse_budget
 from identification.results.assumed import Assumed, moved_by_lengths
 from identification.results.corrected import corrected
 from identification.results.diagnostics import Diagnostics
 from identification.results.plots import plot_identification
 from identification.results.summary import doubts, summary_of
 from identification.results.trust import warnings_of
-from identification.search.memory import as_repeated
-from identification.search.outcome import Fit, Search
+from identification.search import Fit, Search, as_repeated
 from plant import Arm, Law, Record, Reference, Resumed, Rig
-from plant.checkup.counts import hardly_moving
-from plant.checkup.hypothesis import Cause
-from plant.parts import Floats, Frozen, Piece, Saved, Shown, frozen, kept
-from plant.parts.saved import fingerprint
-from plant.parts.shown import as_text
+from plant.checkup import Cause, hardly_moving
+from plant.parts import Floats, Frozen, Piece, Saved, Shown, as_text, fingerprint, frozen, kept
 
 
 @kept

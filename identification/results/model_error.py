@@ -14,21 +14,20 @@ from collections.abc import Collection, Iterable, Mapping, Sequence
 
 import numpy as np
 
-from identification.equation_error.between_runs import BetweenRuns, between_runs
-from identification.equation_error.least_squares import (
+from identification.equation_error import (
     SEGMENTS,
+    BetweenRuns,
     along,
+    between_runs,
     directions,
     group_std,
     in_groups,
 )
-from identification.replay.extended import kind_of
-from identification.replay.optimum import Optimum
+from identification.replay import Optimum, kind_of
 from identification.results.assumed import moved
 from identification.results.with_arm import NUMBERS
-from identification.search.problem import Tolerances
-from plant.parts import Floats, frozen
-from plant.parts.sums import products
+from identification.search import Tolerances
+from plant.parts import Floats, frozen, products
 
 # Rows of the innovations that are multiplied at once, which bounds the memory of a copy of them.
 _AT_ONCE = 1 << 15

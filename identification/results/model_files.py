@@ -8,17 +8,27 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from identification.equation_error.estimate import Estimate
+from identification.equation_error import Estimate
 from identification.results.nearest_bodies import Block, nearest_realisation
 from identification.results.physical import Physical, table_of, whitening
 from plant import Arm, Body, Drive, Link, Placement
-from plant.mechanics.body import from_pseudo_inertia, prior_changes, prior_factor
-from plant.mechanics.lumping import STANDARD
-from plant.mechanics.mjcf_file import read_mjcf
-from plant.mechanics.model_tree import ModelFile, ModelJoint, fixed_to, links_of_chain
-from plant.mechanics.urdf_file import is_xacro, read_urdf
-from plant.mechanics.xml_file import Element, parsed, spliced
-from plant.models.edits import (
+from plant.mechanics import (
+    STANDARD,
+    Element,
+    ModelFile,
+    ModelJoint,
+    fixed_to,
+    from_pseudo_inertia,
+    is_xacro,
+    links_of_chain,
+    parsed,
+    prior_changes,
+    prior_factor,
+    read_mjcf,
+    read_urdf,
+    spliced,
+)
+from plant.models import (
     mjcf_inertial,
     mjcf_joint,
     mjcf_motors,
@@ -36,9 +46,10 @@ from plant.parts import (
     frozen,
     instance,
     known_options,
+    require_new,
     warn,
+    write_whole,
 )
-from plant.parts.files import require_new, write_whole
 
 # Relative difference of f below which the bodies of the prior have it already: some thousand
 # roundings of a sum.

@@ -22,7 +22,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from plant.mechanics.body import symmetric_basis
+from plant.mechanics import symmetric_basis
 from plant.parts import Floats, frozen_settings
 
 

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from identification.equation_error.pulse_fit import mode_in, modes_along
+from identification.equation_error import mode_in, modes_along
 from identification.results.plots import plot_oscillation
 from plant import Arm, Law, Record
 from plant.parts import (
@@ -203,7 +203,7 @@ def oscillation(record: Record, arm: Arm | None = None) -> Oscillation:
         law = instance("law of the record", record.law, Law, "Pass law= with the log.")
         # The modes move with the pose: compare the frequency with the span of each of them.
         poses = [modes[:, 0] for modes in modes_along(arm, record, law, SETTINGS.poses)]
-        spans = _spans(poses)
+        spans = mode_spans(poses)
         tolerance = SETTINGS.tolerance
         is_mode = any(
             low * (1 - tolerance) < frequency < high * (1 + tolerance) for low, high in spans
@@ -221,7 +221,7 @@ def oscillation(record: Record, arm: Arm | None = None) -> Oscillation:
     return replace(result, amplitude=np.sqrt((removed**2).mean(axis=0)))
 
 
-def _spans(poses: Sequence[Floats]) -> tuple[tuple[float, float], ...]:
+def mode_spans(poses: Sequence[Floats]) -> tuple[tuple[float, float], ...]:
     """Lowest and highest frequency of each mode, from those of each pose in rising order."""
     most = max(map(len, poses))
     complete = np.array([modes for modes in poses if len(modes) == most])

@@ -17,10 +17,9 @@ from collections.abc import Iterable, Iterator
 import numpy as np
 from numpy.typing import ArrayLike
 
-from identification.equation_error.estimate import Estimate
-from identification.equation_error.possible_bodies import PointMasses, nearest_amounts
+from identification.equation_error import Estimate, PointMasses, nearest_amounts
 from plant import Arm, Body
-from plant.machine.motor_inertia import LEAST_MOTOR_INERTIA
+from plant.machine import LEAST_MOTOR_INERTIA
 from plant.parts import (
     Floats,
     Frozen,

@@ -6,14 +6,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from identification.replay import Prediction
 from identification.replay.followed import SETTINGS as FOLLOWED
-from identification.replay.prediction import Prediction
 from identification.results.seen import of_prior
-from identification.search.memory import as_repeated, run_again
+from identification.search import as_repeated, run_again
 from plant import Record
-from plant.checkup.oscillation import spectrum
-from plant.parts.figures import BAND, LOGS, axes_of, colour_of, dressed, legend_above, literal
-from plant.simulation.logged_run import DivergenceError
+from plant.checkup import spectrum
+from plant.parts import BAND, LOGS, axes_of, colour_of, dressed, legend_above, literal
+from plant.simulation import DivergenceError
 
 
 def repeated(identification: Any) -> Record | None:

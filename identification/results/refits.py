@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from identification.replay.optimum import Optimum, fitted
+from identification.replay import Optimum, fitted
 from identification.results.alternatives import (
     ArmHypothesis,
     Point,
@@ -19,7 +19,7 @@ from identification.results.alternatives import (
     linear,
 )
 from identification.results.assumed import longer
-from plant.parts.fields import Floats
+from plant.parts import Floats
 
 
 @dataclass(frozen=True, kw_only=True)

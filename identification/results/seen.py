@@ -6,10 +6,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from identification.equation_error.excitation import unexcited
+from identification.equation_error import unexcited
 from plant import Record, Reference
-from plant.parts import Floats, Frozen, Piece, Table, frozen, frozen_settings, kept
-from plant.parts.arguments import several
+from plant.parts import Floats, Frozen, Piece, Table, frozen, frozen_settings, kept, several
 
 APART = 20  # samples from one position to the next for a speed
 

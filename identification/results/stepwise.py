@@ -5,22 +5,28 @@ from typing import Any
 
 import numpy as np
 
-from identification.equation_error.excitation import still
-from identification.replay.extended import Extended
-from identification.replay.optimum import fitted, nearest
+from identification.equation_error import still
+from identification.replay import Extended, fitted, nearest
 from identification.results.along_log import acting, effects_along, efforts
 from identification.results.alternatives import Point, Sign, effects_of, linear
 from identification.results.detection import Detection
 from identification.results.model_error import Doubt, priors
 from identification.results.refits import compared
 from identification.results.with_arm import BY_NAME, HYPOTHESES, NUMBERS
-from identification.search.memory import as_tested
-from identification.search.outcome import Fit, Outcome
-from identification.search.polish import FIT, start_of_fit, torque_fit
-from identification.search.problem import Problem, in_parts, rows_of_parts
-from plant.checkup.hypothesis import Candidate, SelectionSettings, beside, select
-from plant.parts.fields import Floats
-from plant.simulation.followed_path import is_rounded
+from identification.search import (
+    FIT,
+    Fit,
+    Outcome,
+    Problem,
+    as_tested,
+    in_parts,
+    rows_of_parts,
+    start_of_fit,
+    torque_fit,
+)
+from plant.checkup import Candidate, SelectionSettings, beside, select
+from plant.parts import Floats
+from plant.simulation import is_rounded
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -7,19 +7,14 @@ from typing import Any
 
 import numpy as np
 
-from identification.equation_error.between_runs import ONE_LOG
-from identification.equation_error.law_memory import along_log
-from identification.equation_error.least_squares import NORMAL
-from identification.equation_error.naming import units as units_of
-from identification.equation_error.torque_fit import TorqueFit
+from identification.equation_error import NORMAL, ONE_LOG, TorqueFit, along_log
+from identification.equation_error import units as units_of
 from identification.results.seen import counted, drifting, of_prior, origins
 from identification.results.trust import SETTINGS as WARNING_SETTINGS
 from identification.results.trust import pairs_of
-from identification.search.problem import LONG, PARTS, is_long
-from plant.mechanics.lumping import STANDARD
-from plant.parts import Aside, Piece, Table, Verdict, Warned, frozen_settings, warn
-from plant.parts.shown import inside
-from plant.parts.tables import WIDTH
+from identification.search import LONG, PARTS, is_long
+from plant.mechanics import STANDARD
+from plant.parts import WIDTH, Aside, Piece, Table, Verdict, Warned, frozen_settings, inside, warn
 
 
 class IdentificationWarning(UserWarning):

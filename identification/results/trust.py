@@ -6,24 +6,22 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from identification.equation_error.arm_check import FittedArm
-from identification.equation_error.naming import misread
-from identification.equation_error.restated import restated, wrong_statements
-from identification.equation_error.stated_law import likelier_variant
-from identification.equation_error.torque_logs import is_faster
-from identification.replay.timing import is_late
+from identification.equation_error import (
+    FittedArm,
+    is_faster,
+    likelier_variant,
+    misread,
+    restated,
+    wrong_statements,
+)
+from identification.replay import is_late
 from identification.results.seen import APART, contradicted, motion_of
 from identification.results.with_arm import BY_NAME
-from identification.search.predictive import FALSE_ALARM, ROUGH, ROUNDINGS, doubtful
+from identification.search import FALSE_ALARM, ROUGH, ROUNDINGS, doubtful
 from plant import Chain, Record, Rig
-from plant.checkup.examine import late_counts
-from plant.checkup.lost_rows import BRIDGED, short_gaps
-from plant.checkup.oscillation import own_oscillations
-from plant.checkup.rounding import rounding_doubts
-from plant.machine.inner_loop import InnerLoop
-from plant.machine.unlikely import unlikely_statements
-from plant.parts.fields import Floats
-from plant.parts.one_thread import one_thread
+from plant.checkup import BRIDGED, late_counts, own_oscillations, rounding_doubts, short_gaps
+from plant.machine import InnerLoop, unlikely_statements
+from plant.parts import Floats, one_thread
 
 _Lines: TypeAlias = Iterator[str]
 
@@ -528,7 +526,8 @@ def pairs_of(identification: Any) -> list[tuple[str, str]]:
     return [(names[i], names[j]) for i, j in np.argwhere(np.triu(alike, 1))]
 
 
-def _pairs(case):
+def inseparable(case):
+    """Pairs of values that the logs hardly tell apart, where they are more than usual."""
     result = case.identification
     pairs = pairs_of(result)
     # A few correlated pairs are usual in any motion of a real arm.
@@ -566,7 +565,7 @@ _CHECKS: tuple[tuple[str, Callable[[_Case], _Lines]], ...] = (
     ("unstable loop", _oscillations),
     ("simulation that does not repeat the log", _repeats),
     # 5. Last, the lines that question the use of single values and not the log.
-    ("values that are not separately identifiable", _pairs),
+    ("values that are not separately identifiable", inseparable),
 )
 
 # Checks whose lines hold for any log with these unknowns.

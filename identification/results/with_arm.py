@@ -7,7 +7,7 @@ the tolerances of their numbers. A new cause is a new row here.
 
 import numpy as np
 
-from identification.replay.extended import Number
+from identification.replay import Number
 from identification.results.along_log import (
     CYCLES,
     breakaway,
@@ -29,7 +29,7 @@ from identification.results.alternatives import (
     variant,
 )
 from identification.results.refits import in_time, lengthened, moved, played, pushed, sprung
-from plant.mechanics.lumping import LOAD
+from plant.mechanics import LOAD
 
 STIFF = 300.0  # resonance [Hz] above which a gear is not mentioned; chosen by hand
 

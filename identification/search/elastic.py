@@ -12,19 +12,25 @@ from dataclasses import replace
 
 import numpy as np
 
-from identification.equation_error.gear_fit import GearFit, fit_deflection, fit_gears
-from identification.equation_error.least_squares import NORMAL
-from identification.equation_error.pulse_fit import NO_BAND
-from identification.replay.gauss_newton import Solution, gauss_newton, reweighed, slopes
-from identification.replay.profile_likelihood import Profile
-from identification.replay.resonances import INFLATION, STIFFNESS, Resonances, Start, link_inertia
+from identification.equation_error import NO_BAND, NORMAL, GearFit, fit_deflection, fit_gears
+from identification.replay import (
+    INFLATION,
+    STIFFNESS,
+    Profile,
+    Resonances,
+    Solution,
+    Start,
+    gauss_newton,
+    link_inertia,
+    reweighed,
+    slopes,
+)
 from identification.search.outcome import GearResonance, Outcome
 from identification.search.polish import outcome_of, start_of_fit
 from identification.search.problem import Problem
-from plant.machine.motor_inertia import LEAST_MOTOR_INERTIA, least_inertia_margin
-from plant.parts import Floats, frozen_settings
-from plant.parts.sums import dot
-from plant.simulation.followed_path import path_of, start_of
+from plant.machine import LEAST_MOTOR_INERTIA, least_inertia_margin
+from plant.parts import Floats, dot, frozen_settings
+from plant.simulation import path_of, start_of
 
 
 @frozen_settings

@@ -12,26 +12,25 @@ from typing import Any
 
 import numpy as np
 
-from identification.equation_error.law_memory import (
+from identification.equation_error import (
     Memory,
     Resumption,
     along_log,
+    begun,
+    each_named,
     passes_start,
+    told_by_torque,
     with_state,
 )
-from identification.equation_error.naming import each_named
-from identification.equation_error.stated_law import begun, told_by_torque
-from identification.replay.experiment import with_zeros
-from identification.replay.gauss_newton import gauss_newton, variance_inflation
-from identification.replay.objective import Objective
+from identification.replay import Objective, gauss_newton, variance_inflation, with_zeros
 from identification.replay.weak_directions import SETTINGS as WEAK
 from identification.search.outcome import Fit, Outcome
 from identification.search.problem import Problem
 from plant import Arm, Law, Record, Resumed, Rig, replay
-from plant.laws.resumed import AlongLog
-from plant.machine.inner_loop import InnerLoop
-from plant.parts.fields import Floats
-from plant.simulation.followed_path import in_motion, is_start_open
+from plant.laws import AlongLog
+from plant.machine import InnerLoop
+from plant.parts import Floats
+from plant.simulation import in_motion, is_start_open
 
 # Steps of the differences, in standard deviations of the unknowns: small against the width of the
 # likelihood.

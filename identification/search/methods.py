@@ -10,9 +10,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from identification.equation_error.least_squares import covariance_of
-from identification.replay.objective import Objective
-from identification.replay.timing import delay_of, is_late
+from identification.equation_error import covariance_of
+from identification.replay import Objective, delay_of, is_late
 from identification.search.elastic import elastic
 from identification.search.genetic import GeneticSettings, minimize_genetic
 from identification.search.memory import placed, repeating, with_memory, with_starts
@@ -27,7 +26,7 @@ from identification.search.polish import (
 )
 from identification.search.predictive import asks_from, difference_of, doubtful, predicted
 from identification.search.problem import Problem, in_parts, is_long
-from plant.parts.settings import frozen_settings
+from plant.parts import frozen_settings
 
 
 @frozen_settings
@@ -336,7 +335,9 @@ def _neighbours(problem, fit):
     random = np.random.default_rng(problem.seed)
     moves = random.normal(size=(SEEDED.neighbours, len(fit.values)))
     # Sums, not a matrix product, whose bits depend on the processor.
-    moves = SEEDED.spread * (moves[:, None, :] * _root(np.asarray(fit.covariance))).sum(axis=2)
+    moves = SEEDED.spread * (moves[:, None, :] * triangular_root(np.asarray(fit.covariance))).sum(
+        axis=2
+    )
     neighbours = np.clip(np.vstack([fit.values, fit.values + moves]), *problem.bounds.T)
     return neighbours, problem.costs(neighbours)
 
@@ -375,7 +376,7 @@ METHODS: dict[str, Callable[[Problem], Outcome]] = {
 }
 
 
-def _root(covariance):
+def triangular_root(covariance):
     """Lower triangle L with L L^T = covariance; zero rows stay zero.
 
     numpy's Cholesky factor refuses a singular covariance, which fixed values make.

@@ -11,10 +11,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from identification.equation_error.between_runs import BetweenRuns
-from identification.equation_error.law_memory import Resumption
-from identification.equation_error.least_squares import covariance_of
-from identification.equation_error.prior import Prior
+from identification.equation_error import BetweenRuns, Prior, Resumption, covariance_of
 from identification.search.genetic import GeneticResult, GeneticSettings
 from identification.search.problem import Problem, Tolerances
 from plant.parts import Floats, Frozen, Piece, Shown, Table, Verdict, Warned, frozen, kept

@@ -10,39 +10,39 @@ from typing import Any
 
 import numpy as np
 
-from identification.equation_error.least_squares import (
+from identification.equation_error import (
     SEGMENTS,
+    SPRINGS,
+    TorqueFit,
+    between_samples,
     covariance_of,
+    fit_torque,
     group_std,
     in_groups,
     least_squares,
+    linear,
+    noise_of_torque,
+    over_bands,
+    torque_error,
+    with_possible_bodies,
 )
-from identification.equation_error.logged_torques import fit_torque
-from identification.equation_error.possible_bodies import with_possible_bodies
-from identification.equation_error.pulse_fit import equation_error as fit_pulses
-from identification.equation_error.pulse_fit import over_bands
-from identification.equation_error.regressor import SPRINGS, linear
-from identification.equation_error.stated_law import noise_of_torque
-from identification.equation_error.torque_error import torque_error
-from identification.equation_error.torque_fit import TorqueFit
-from identification.equation_error.torque_logs import between_samples
+from identification.equation_error import equation_error as fit_pulses
 from identification.equation_error.torque_summary import SETTINGS as TORQUE_WARNINGS
-from identification.replay.experiment import RATES
-from identification.replay.gauss_newton import (
+from identification.replay import (
+    RATES,
+    Prediction,
     Solution,
     ended_on_bounds,
     gauss_newton,
     noise,
+    over_whole_deviations,
     reweighed,
 )
-from identification.replay.prediction import Prediction
-from identification.replay.whole_deviations import over_whole_deviations
 from identification.search.outcome import Fit, Outcome
 from identification.search.problem import Problem, is_long
 from plant import FrictionCurve
-from plant.machine.motor_inertia import least_inertia_margin, rotors_alone
-from plant.parts import Floats, frozen_settings
-from plant.parts.sums import dot, products
+from plant.machine import least_inertia_margin, rotors_alone
+from plant.parts import Floats, dot, frozen_settings, products
 
 
 @frozen_settings
@@ -372,7 +372,7 @@ def polished(
         gains=None if gains is None else solution.values[gains],
         rounding_innovation=rounding_innovation,
     )
-    outcome = _with_undetermined(outcome, prediction, solution)
+    outcome = with_undetermined(outcome, prediction, solution)
     told = [memory.noise for memory in problem.memories if memory is not None]
     if any(noise is not None for noise in told):
         # The law gave its torque without the noise: it adds nothing to the innovations.
@@ -471,7 +471,7 @@ def _rms(noises):
     return np.sqrt(np.mean(np.square(noises), axis=0))
 
 
-def _with_undetermined(outcome, prediction, solution):
+def with_undetermined(outcome, prediction, solution):
     """An outcome whose covariance is as wide as the directions that no reading determines.
 
     The expected magnitude of a state keeps the search near the log; it is no knowledge.

@@ -14,9 +14,9 @@ import numpy as np
 from identification.search.outcome import Fit
 from identification.search.problem import Problem
 from plant import Record, replay
-from plant.checkup.oscillation import own_oscillations
-from plant.parts.settings import frozen_settings
-from plant.simulation.followed_path import is_rounded
+from plant.checkup import own_oscillations
+from plant.parts import frozen_settings
+from plant.simulation import is_rounded
 
 # Difference between a measured and a simulated log from rounding alone [pulses, rms].
 ROUNDINGS = 0.58
@@ -103,7 +103,7 @@ def predicted(problem: Problem, fit: Fit, records: Sequence[Record], cost: float
     # 2. The runs with the fitted values, from which the distances are measured.
     try:
         # One failure is enough: without a run of the fit nothing can be compared.
-        runs = [_run(problem, fit.values, record) for record in records]
+        runs = [simulated_record(problem, fit.values, record) for record in records]
     except ValueError:  # it diverges, or has no sound inertia
         return Predicted(difference)
     # A fixed seed: the same identification gives the same verdict.
@@ -119,7 +119,7 @@ def predicted(problem: Problem, fit: Fit, records: Sequence[Record], cost: float
         for values in _drawn(fit, random, count - len(logarithms)):
             try:
                 drawn = [
-                    _run(problem, values, _shifted(run, record, fit, random))
+                    simulated_record(problem, values, _shifted(run, record, fit, random))
                     for run, record in zip(runs, records, strict=True)
                 ]
             except ValueError:  # this draw is no arm
@@ -131,7 +131,7 @@ def predicted(problem: Problem, fit: Fit, records: Sequence[Record], cost: float
             logarithms.append(0.5 * float(np.log(np.mean(np.concatenate(apart) ** 2))))
         if len(logarithms) < CHECK.few:
             return Predicted(difference, hunts=tuple(sorted(hunts)))
-        limit = min(_exceeded(logarithms, chance), largest)
+        limit = min(exceeded_value(logarithms, chance), largest)
         inside = difference <= np.exp(max(logarithms)) and len(hunts) == len(swings)
         if difference > limit or inside:
             break
@@ -143,7 +143,7 @@ def in_open_loop(records: Sequence[Record]) -> bool:
     return any(record.law is None or record.law.replays for record in records)
 
 
-def _exceeded(logarithms, chance):
+def exceeded_value(logarithms, chance):
     """Value that one number more exceeds with this chance, if all logarithms are normal.
 
     This is the prediction interval of a normal sample: mean and deviation are estimates, too.
@@ -180,7 +180,7 @@ def _shifted(run, record, fit, random):
     return dataclasses.replace(run, initial=start)
 
 
-def _run(problem, values, record):
+def simulated_record(problem, values, record):
     """A record simulated with these values (k,) of the unknowns, from its own state of the law."""
     named = dict(zip(problem.unknown, values, strict=True))
     law = None if record.law is None else record.law.filled(named, "law.")

@@ -13,13 +13,11 @@ from typing import Any, Self
 
 import numpy as np
 
-from identification.equation_error.law_memory import Memory
-from identification.equation_error.prior import Known, Prior
-from identification.replay.objective import Objective
-from identification.replay.prediction import Prediction
+from identification.equation_error import Known, Memory, Prior
+from identification.replay import Objective, Prediction
 from identification.search.genetic import GeneticSettings
 from plant import Arm, Dynamics, Law, Record, Resumed, Rig
-from plant.machine.inner_loop import InnerLoop
+from plant.machine import InnerLoop
 from plant.parts import Checkpoint, Floats, Frozen, frozen, kept, real, signs
 
 

@@ -2,3 +2,7 @@
 
 Reading order: `linearise` -> `p_gains`; `control_systems`.
 """
+
+from plant.analysis.sampled_loops import SampledLoops, held
+
+__all__ = ["SampledLoops", "held"]

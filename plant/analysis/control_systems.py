@@ -19,13 +19,12 @@ from typing import TYPE_CHECKING, cast
 import casadi as ca
 import numpy as np
 
-from plant.laws.law import Law, Setpoint, StatelessLaw, Step
-from plant.logs.record import Record
-from plant.machine.rig import Rig, punctual_rig
-from plant.mechanics.arm import Arm
-from plant.mechanics.symmetric_inverse import inverse
+from plant.laws import Law, Setpoint, StatelessLaw, Step
+from plant.logs import Record
+from plant.machine import Rig, punctual_rig
+from plant.mechanics import Arm, inverse
 from plant.parts import Fields, instance, known_options, part, per_joint, structure
-from plant.simulation.closed_loop import ClosedLoop
+from plant.simulation import ClosedLoop
 
 if TYPE_CHECKING:
     import control

@@ -5,11 +5,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from plant.laws.law import Law
-from plant.machine.rig import Rig
-from plant.mechanics.arm import Arm
-from plant.parts.fields import Floats
-from plant.simulation.jacobians import jacobians
+from plant.laws import Law
+from plant.machine import Rig
+from plant.mechanics import Arm
+from plant.parts import Floats
+from plant.simulation import jacobians
 
 if TYPE_CHECKING:
     import control

@@ -9,14 +9,12 @@ from numpy.typing import ArrayLike
 
 from plant.analysis.linearise import linearise, modes
 from plant.analysis.sampled_loops import SampledLoops
-from plant.laws.law import Law
-from plant.laws.pid import PD, Cascade, P
-from plant.machine.rig import Rig
-from plant.mechanics.arm import Arm
-from plant.motion.reference import Motion, Reference
+from plant.laws import PD, Cascade, Law, P
+from plant.machine import Rig
+from plant.mechanics import Arm
+from plant.motion import Motion, Reference
 from plant.parts import Floats, array, frozen_settings, instance
-from plant.simulation.cautions import warn_of_missing_rotors
-from plant.simulation.simulator import simulate
+from plant.simulation import simulate, warn_of_missing_rotors
 
 
 @frozen_settings

@@ -11,11 +11,11 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from plant.laws.law import Block, Law
-from plant.machine.rig import Rig, smooth_rig
-from plant.mechanics.arm import Arm
-from plant.parts.arguments import array, instance
-from plant.simulation.closed_loop import ClosedLoop
+from plant.laws import Block, Law
+from plant.machine import Rig, smooth_rig
+from plant.mechanics import Arm
+from plant.parts import array, instance
+from plant.simulation import ClosedLoop
 
 # Sub-steps per sample. `simulate` describes this number as nearly converged, so that the matrices
 # are those of the sampled arm, not of a coarse integration.

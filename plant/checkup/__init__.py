@@ -10,3 +10,80 @@ filter smooths; a motor's torque, regressed on them; what is known of its coeffi
 shows them; gains in another unit; the table of what can be wrong) -> `trials` (its rows, tried on a
 log) -> `views` (its causes as findings) -> `examine` (`record.check()`: all checks of a record).
 """
+
+from plant.checkup.counts import hardly_asked, hardly_moving, in_step
+from plant.checkup.examine import examine, late_counts
+from plant.checkup.finding import Check, Checkup
+from plant.checkup.hypothesis import (
+    Candidate,
+    Cause,
+    Hypothesis,
+    Rival,
+    SelectionSettings,
+    beside,
+    each_joint,
+    pairs,
+    ranking,
+    require_rows,
+    select,
+    whole,
+)
+from plant.checkup.innovation import LEAST_MOTION, SETTINGS, acceleration, longest_line
+from plant.checkup.lost_rows import BRIDGED, bridged, lost_rows, off_reference, on_lines, short_gaps
+from plant.checkup.motor_equation import Equation, Motion
+from plant.checkup.oscillation import own_oscillations, spectrum
+from plant.checkup.quantisation import STEP_NOTE, comb
+from plant.checkup.rounding import fix_seen, rounding_doubts
+from plant.checkup.score import Experiment
+from plant.checkup.signals import Signals
+from plant.checkup.stamps import time_findings
+from plant.checkup.trials import Trials
+from plant.checkup.undo import counts_in_time, exchanged_torques, turned_reference, turned_torque
+
+__all__ = [
+    "BRIDGED",
+    "LEAST_MOTION",
+    "SETTINGS",
+    "STEP_NOTE",
+    "Candidate",
+    "Cause",
+    "Check",
+    "Checkup",
+    "Equation",
+    "Experiment",
+    "Hypothesis",
+    "Motion",
+    "Rival",
+    "SelectionSettings",
+    "Signals",
+    "Trials",
+    "acceleration",
+    "beside",
+    "bridged",
+    "comb",
+    "counts_in_time",
+    "each_joint",
+    "examine",
+    "exchanged_torques",
+    "fix_seen",
+    "hardly_asked",
+    "hardly_moving",
+    "in_step",
+    "late_counts",
+    "longest_line",
+    "lost_rows",
+    "off_reference",
+    "on_lines",
+    "own_oscillations",
+    "pairs",
+    "ranking",
+    "require_rows",
+    "rounding_doubts",
+    "select",
+    "short_gaps",
+    "spectrum",
+    "time_findings",
+    "turned_reference",
+    "turned_torque",
+    "whole",
+]

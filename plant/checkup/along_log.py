@@ -9,11 +9,9 @@ from typing import Any
 import numpy as np
 
 from plant.checkup.signals import Signals
-from plant.laws.law import block_of
-from plant.laws.replayed import commanded_torque
-from plant.laws.resumed import FAST, Resumed
-from plant.motion.smooth_splines import smooth_splines
-from plant.parts.fields import Floats
+from plant.laws import FAST, Resumed, block_of, commanded_torque
+from plant.motion import smooth_splines
+from plant.parts import Floats
 
 
 @dataclass(frozen=True, kw_only=True)

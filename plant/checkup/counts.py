@@ -11,8 +11,7 @@ from plant.checkup.finding import Check, Finding
 from plant.checkup.innovation import LEAST_MOTION, innovation, stopped
 from plant.checkup.innovation import SETTINGS as MOTION
 from plant.checkup.signals import Signals
-from plant.parts.fields import Bools, Floats
-from plant.parts.sums import products
+from plant.parts import Bools, Floats, products
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -22,8 +22,8 @@ from plant.checkup.undo import (
     scaled_counts,
     scaled_reference,
 )
-from plant.laws.law import block_of
-from plant.parts.fields import Floats
+from plant.laws import block_of
+from plant.parts import Floats
 
 # -- sizes that the log itself suggests ------------------------------------------------------------
 # A factor nearer to one is within what rounding and an imperfect undo cause.

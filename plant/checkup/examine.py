@@ -29,8 +29,7 @@ from plant.checkup.stamps import lost_findings, time_findings
 from plant.checkup.trials import Trials
 from plant.checkup.views import AT_LIMIT, cause_findings, copied_columns, measured_findings
 from plant.checkup.without_arm import SWITCHES, TABLE
-from plant.parts.fields import Floats
-from plant.parts.one_thread import one_thread
+from plant.parts import Floats, one_thread
 
 
 # -- torque: saturation, clipping, backlash -------------------------------------------------------

@@ -11,7 +11,7 @@ import numpy as np
 
 from plant.checkup.signals import Signals
 from plant.checkup.torque_regression import SETTINGS as REGRESSION
-from plant.parts.fields import Floats
+from plant.parts import Floats
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -6,9 +6,7 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 from plant.checkup.hypothesis import Cause
-from plant.parts.messages import joint_label
-from plant.parts.shown import Piece, Shown, Verdict
-from plant.parts.tables import Table
+from plant.parts import Piece, Shown, Table, Verdict, joint_label
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)

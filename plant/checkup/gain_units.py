@@ -19,8 +19,8 @@ from plant.checkup.evidence import by_friction
 from plant.checkup.hypothesis import Joints, columns_of
 from plant.checkup.score import SETTINGS as SCORE
 from plant.checkup.score import Experiment
-from plant.laws.pid import PD, Cascade, P
-from plant.parts.fields import Floats
+from plant.laws import PD, Cascade, P
+from plant.parts import Floats
 
 
 @dataclass(frozen=True, kw_only=True)

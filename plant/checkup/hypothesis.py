@@ -14,8 +14,7 @@ from typing import Any, Generic, NamedTuple, TypeVar
 
 import numpy as np
 
-from plant.parts.kinds import kept
-from plant.parts.shown import Piece, Shown, Verdict
+from plant.parts import Piece, Shown, Verdict, kept
 
 Experiment = TypeVar("Experiment")
 Joints = tuple[int, ...]

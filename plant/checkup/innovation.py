@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from plant.parts.fields import Bools, Floats
+from plant.parts import Bools, Floats
 
 
 @dataclass(frozen=True, kw_only=True)

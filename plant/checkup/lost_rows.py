@@ -16,7 +16,7 @@ from plant.checkup.innovation import SETTINGS as MOTION
 from plant.checkup.innovation import stopped
 from plant.checkup.quantisation import grid
 from plant.checkup.signals import Signals
-from plant.parts.fields import Bools, Floats
+from plant.parts import Bools, Floats
 
 BRIDGED = 10
 """Rows of a gap up to which straight lines across it are as good as its neighbours, for filters."""

@@ -14,7 +14,7 @@ import numpy as np
 
 from plant.checkup.finding import Check, Finding, unless
 from plant.checkup.signals import Signals
-from plant.parts.fields import Floats
+from plant.parts import Floats
 
 
 @dataclass(frozen=True, kw_only=True)

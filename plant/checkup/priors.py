@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from plant.checkup.motor_equation import Motion
-from plant.parts.fields import Floats
+from plant.parts import Floats
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -8,7 +8,7 @@ import numpy as np
 from plant.checkup.finding import Check, Finding
 from plant.checkup.innovation import stopped
 from plant.checkup.signals import Signals
-from plant.parts.fields import Floats
+from plant.parts import Floats
 
 STEP_NOTE = "step of counts [pulses], joint {}"
 """Note of a record whose positions were clean multiples of such a step before they were counted."""

@@ -22,8 +22,8 @@ from plant.checkup.motor_equation import SETTINGS as EQUATION
 from plant.checkup.priors import limit_prior, motion_priors
 from plant.checkup.signals import Signals
 from plant.checkup.torque_regression import SETTINGS as REGRESSION
-from plant.laws.replayed import commanded_torque
-from plant.parts.fields import Bools, Floats
+from plant.laws import commanded_torque
+from plant.parts import Bools, Floats
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -14,8 +14,8 @@ import numpy as np
 from plant.checkup.innovation import LEAST_MOTION, Innovation, innovation, longest_line
 from plant.checkup.innovation import SETTINGS as MOTION
 from plant.checkup.torque_regression import TorqueRegression
-from plant.laws.replayed import commanded_torque
-from plant.parts.fields import Bools, Floats
+from plant.laws import commanded_torque
+from plant.parts import Bools, Floats
 
 T = TypeVar("T")
 

@@ -11,7 +11,7 @@ from typing import Self
 
 import numpy as np
 
-from plant.parts.fields import Floats
+from plant.parts import Floats
 
 
 @dataclass(frozen=True, kw_only=True)

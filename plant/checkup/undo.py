@@ -13,9 +13,8 @@ import numpy as np
 from plant.checkup.hypothesis import Joints, columns_of
 from plant.checkup.score import Experiment
 from plant.checkup.signals import Signals
-from plant.laws.pid import PD, P
-from plant.laws.replayed import commanded_torque
-from plant.parts.fields import Floats
+from plant.laws import PD, P, commanded_torque
+from plant.parts import Floats
 
 
 def with_counts(record: Any, counts: Floats) -> Any:

@@ -15,16 +15,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from plant.compiler.c_statements import braced
+from plant.compiler import braced
 from plant.fmu.model import Variable, arm_values, arm_variables, described, law_variables
-from plant.laws.law import Law
-from plant.machine.inner_loop import InnerLoop
-from plant.machine.rig import Rig
-from plant.mechanics.arm import Arm
-from plant.parts.arguments import choice, instance, known_options
-from plant.realtime.c_text import require_counts, rig_of
-from plant.realtime.running import Running
-from plant.simulation.stepped_arm import stepped_loop
+from plant.laws import Law
+from plant.machine import InnerLoop, Rig
+from plant.mechanics import Arm
+from plant.parts import choice, instance, known_options
+from plant.realtime import Running, require_counts, rig_of
+from plant.simulation import stepped_loop
 from plant.version import __version__
 
 _TEMPLATES = Path(__file__).with_name("c")

@@ -12,11 +12,10 @@ from xml.sax.saxutils import quoteattr
 import casadi as ca
 import numpy as np
 
-from plant.compiler.c_statements import braced, comment, helpers, statements
-from plant.compiler.instructions import STATE, TIME, UNIFORM
-from plant.mechanics.arm import Arm
-from plant.realtime.running import Running
-from plant.simulation.closed_loop import ClosedLoop, bounded
+from plant.compiler import STATE, TIME, UNIFORM, braced, comment, helpers, statements
+from plant.mechanics import Arm
+from plant.realtime import Running
+from plant.simulation import ClosedLoop, bounded
 
 
 @dataclasses.dataclass(frozen=True)

@@ -2,3 +2,42 @@
 
 Reading order: `law` (the contract) -> `terms` (rate, integral) -> `pid` -> `replayed`, `resumed`.
 """
+
+from plant.laws.law import Block, Law, Setpoint, StatelessLaw, Step, block_of
+from plant.laws.pid import PD, Cascade, P, variants
+from plant.laws.replayed import LoggedTorque, commanded_torque
+from plant.laws.resumed import FAST, AlongLog, Resumed
+from plant.laws.terms import (
+    ANTI_WINDUP,
+    INTEGRATION,
+    SMOOTHED,
+    difference,
+    filtered_difference,
+    integrated,
+    readings,
+)
+
+__all__ = [
+    "ANTI_WINDUP",
+    "FAST",
+    "INTEGRATION",
+    "PD",
+    "SMOOTHED",
+    "AlongLog",
+    "Block",
+    "Cascade",
+    "Law",
+    "LoggedTorque",
+    "P",
+    "Resumed",
+    "Setpoint",
+    "StatelessLaw",
+    "Step",
+    "block_of",
+    "commanded_torque",
+    "difference",
+    "filtered_difference",
+    "integrated",
+    "readings",
+    "variants",
+]

@@ -17,15 +17,9 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from plant.machine.inner_loop import Frame, InnerLoop
-from plant.machine.rig import Rig
-from plant.parts.arguments import known_options
-from plant.parts.messages import TURNS, JointUnits
-from plant.parts.part import Part, declared
-from plant.parts.vector import Field, Fields, vector_of
-from plant.realtime.c_export import write_c
-from plant.realtime.guards import Guards
-from plant.realtime.running import Running
+from plant.machine import Frame, InnerLoop, Rig
+from plant.parts import TURNS, Field, Fields, JointUnits, Part, declared, known_options, vector_of
+from plant.realtime import Guards, Running, write_c
 
 Step = tuple[ca.SX, ca.SX]  # torque that a law commands, and the state that follows
 

@@ -10,14 +10,20 @@ from numpy.typing import ArrayLike
 
 from plant.laws.law import Law, Setpoint, Step
 from plant.laws.terms import SMOOTHED, filtered_difference
-from plant.machine.encoder import nearest
-from plant.machine.inner_loop import Frame, InnerLoop
-from plant.machine.rig import Rig
-from plant.mechanics.arm import Arm
-from plant.parts.arguments import array, instance, real, signs
-from plant.parts.fields import Floats, Vector
-from plant.parts.part import number, part, structure
-from plant.parts.vector import Fields
+from plant.machine import Frame, InnerLoop, Rig, nearest
+from plant.mechanics import Arm
+from plant.parts import (
+    Fields,
+    Floats,
+    Vector,
+    array,
+    instance,
+    number,
+    part,
+    real,
+    signs,
+    structure,
+)
 
 # kd = 1.4 w J of kp = w^2 J: a damping ratio of 0.7.
 _DAMPING = 1.4

@@ -19,11 +19,21 @@ from plant.laws.terms import (
     filtered_difference,
     readings,
 )
-from plant.machine.rig import Rig
-from plant.parts.arguments import array, choice, optional_period, signs, whole
-from plant.parts.fields import Floats, Vector
-from plant.parts.part import number, part, structure
-from plant.parts.vector import Fields, per_joint
+from plant.machine import Rig
+from plant.parts import (
+    Fields,
+    Floats,
+    Vector,
+    array,
+    choice,
+    number,
+    optional_period,
+    part,
+    per_joint,
+    signs,
+    structure,
+    whole,
+)
 
 # Factors that convert gains of drives to SI units: gains of the position loop to 1/s, gains of the
 # speed loop to torque or current per rad/s.

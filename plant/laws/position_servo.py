@@ -5,13 +5,8 @@ from typing import Any
 import casadi as ca
 
 from plant.laws.law import Law, Setpoint, Step
-from plant.machine.encoder import nearest
-from plant.machine.inner_loop import Frame, InnerLoop
-from plant.machine.rig import Rig
-from plant.parts.arguments import array, signs
-from plant.parts.fields import Vector
-from plant.parts.part import number, part, structure
-from plant.parts.vector import Fields, per_joint, scalars
+from plant.machine import Frame, InnerLoop, Rig, nearest
+from plant.parts import Fields, Vector, array, number, part, per_joint, scalars, signs, structure
 
 # Pulses per second that no servo makes: as good as at once.
 _AT_ONCE = 1e12

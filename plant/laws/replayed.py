@@ -7,8 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plant.laws.law import Setpoint, StatelessLaw, Step, block_of
-from plant.machine.rig import Rig
-from plant.parts.part import part, structure
+from plant.machine import Rig
+from plant.parts import part, structure
 
 
 class _OfMotors(StatelessLaw):

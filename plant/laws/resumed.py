@@ -12,11 +12,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plant.laws.law import Block, Law, Setpoint, Step, state_of
-from plant.machine.rig import Rig
-from plant.parts.checked_function import evaluated
-from plant.parts.fields import Floats, Vector
-from plant.parts.part import Part, number, part, structure
-from plant.parts.vector import Fields, per_joint, scalars, vector_of
+from plant.machine import Rig
+from plant.parts import (
+    Fields,
+    Floats,
+    Part,
+    Vector,
+    evaluated,
+    number,
+    part,
+    per_joint,
+    scalars,
+    structure,
+    vector_of,
+)
 
 FAST = 4  # steps per sample along a log, of a law without a period
 

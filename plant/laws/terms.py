@@ -10,8 +10,8 @@ from typing import Any, NamedTuple
 
 import casadi as ca
 
-from plant.machine.rig import Rig
-from plant.parts.vector import Fields, per_joint, scalars
+from plant.machine import Rig
+from plant.parts import Fields, per_joint, scalars
 
 SMOOTHED = Fields(signal=per_joint(), begun=scalars())
 """Memory of `filtered_difference`: the low-pass, and 1 once there was a reading."""

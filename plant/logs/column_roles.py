@@ -8,7 +8,7 @@ import numpy as np
 
 from plant.logs.unit_words import without_unit
 from plant.logs.units import TIME
-from plant.parts.fields import Floats
+from plant.parts import Floats
 
 # Quantity -> words of names that mean it. A name with words of several quantities has the first of
 # these: `joint_position_error` is an error, `motor_current_position` a current.

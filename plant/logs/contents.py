@@ -21,7 +21,7 @@ from plant.logs.column_roles import (
 from plant.logs.logfile import LogTable, kind_of, load_errors, options_of, read_file
 from plant.logs.unit_words import without_unit
 from plant.logs.units import TIME, UNITS
-from plant.parts.fields import Floats
+from plant.parts import Floats
 
 # A step of t beyond so many median steps is a gap, as in `Record.resampled`.
 _GAP = 1.5

@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 from plant.logs.clock_times import is_instant
 from plant.logs.unit_words import unit_named, without_unit
-from plant.parts.csv_rows import LIMITS, cells_of, is_number, lines_of
+from plant.parts import LIMITS, cells_of, is_number, lines_of
 
 # The order decides between separators that explain a file equally well. None is any run of blanks.
 SEPARATORS = ("\t", ";", ",", "|", None)

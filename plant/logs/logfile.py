@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 from plant.logs.formats.columns import Block, oriented, picked
 from plant.logs.isolation import LIMITS, read_isolated, read_npz
 from plant.logs.text_table import read_text
-from plant.parts.arguments import known_options, near, whole
-from plant.parts.files import require_bounded
+from plant.parts import known_options, near, require_bounded, whole
 
 _SUFFIXES = {
     ".csv": "csv",

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from plant.checkup.quantisation import STEP_NOTE
+from plant.checkup import STEP_NOTE
 from plant.logs.logfile import require_columns
 from plant.logs.stated_units import Stated, require_words, stated_units
 from plant.logs.units import (
@@ -21,12 +21,9 @@ from plant.logs.units import (
     path_through,
     require_period,
 )
-from plant.machine.rig import Rig
-from plant.motion.reference import Reference
-from plant.parts.arguments import choice, instance, real, whole
-from plant.parts.fields import Floats
-from plant.parts.messages import warn
-from plant.parts.settings import frozen_settings
+from plant.machine import Rig
+from plant.motion import Reference
+from plant.parts import Floats, choice, frozen_settings, instance, real, warn, whole
 
 MEASURED = ("position", "motor_position", "counts", "error_pulses")
 _PATH_FIELDS = ("reference_position", "reference_motor_position")

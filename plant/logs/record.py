@@ -11,20 +11,14 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from plant.checkup.examine import examine
-from plant.checkup.finding import Checkup
-from plant.checkup.hypothesis import Hypothesis
-from plant.laws.law import Law
+from plant.checkup import Checkup, Hypothesis, examine
+from plant.laws import Law
 from plant.logs.record_csv import COLUMNS
 from plant.logs.record_files import SOURCES, FromFiles
 from plant.logs.resampling import resampled_fields
-from plant.machine.inner_loop import InnerLoop
-from plant.machine.rig import Rig
-from plant.motion.reference import Reference
-from plant.parts.arguments import array, instance, known_options, real
-from plant.parts.fields import Floats, Vector
-from plant.parts.frozen import Frozen, frozen
-from plant.parts.kinds import kept
+from plant.machine import InnerLoop, Rig
+from plant.motion import Reference
+from plant.parts import Floats, Frozen, Vector, array, frozen, instance, kept, known_options, real
 
 _LEFT_OUT: Any = None
 NUMBERS = ("temperature",)  # notes that are numbers

@@ -9,13 +9,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from plant.laws.law import Law
-from plant.machine.rig import Rig
-from plant.motion.reference import Reference
-from plant.parts.csv_rows import read_rows
-from plant.parts.fields import Floats
-from plant.parts.kinds import require_untagged
-from plant.parts.plain import from_plain
+from plant.laws import Law
+from plant.machine import Rig
+from plant.motion import Reference
+from plant.parts import Floats, from_plain, read_rows, require_untagged
 
 # How a file of `write` begins, perhaps behind the mark of UTF-8 of the program that saved it last.
 _BEGIN = b'# {"onepulse":'

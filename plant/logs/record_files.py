@@ -8,16 +8,14 @@ from typing import Any, Self, overload
 import numpy as np
 from numpy.typing import ArrayLike
 
-from plant.laws.law import Law
+from plant.laws import Law
 from plant.logs import record_csv
 from plant.logs.contents import LogContents, contents_of
 from plant.logs.logfile import kind_of, load_errors, options_of, read_file
 from plant.logs.mapping import MEASURED, mapped_names, record_fields
-from plant.machine.rig import Rig
-from plant.motion.reference import Reference
-from plant.motion.table import Held
-from plant.parts.arguments import instance, known_options
-from plant.parts.mcap_file import McapFile, joint_topics
+from plant.machine import Rig
+from plant.motion import Held, Reference
+from plant.parts import McapFile, instance, joint_topics, known_options
 
 # Signal of a record -> fields of a mapping, under other names, from which the signal can be made.
 SOURCES = {

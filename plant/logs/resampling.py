@@ -5,10 +5,9 @@ from typing import Any
 
 import numpy as np
 
-from plant.checkup.innovation import SETTINGS as MOTION
-from plant.checkup.innovation import longest_line
-from plant.parts.fields import Floats
-from plant.parts.settings import frozen_settings
+from plant.checkup import SETTINGS as MOTION
+from plant.checkup import longest_line
+from plant.parts import Floats, frozen_settings
 
 
 @frozen_settings

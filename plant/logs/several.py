@@ -9,13 +9,13 @@ from typing import Any
 
 from numpy.typing import ArrayLike
 
-from plant.laws.law import Law
+from plant.laws import Law
 from plant.logs.formats.lerobot import episodes_of
 from plant.logs.logfile import LoadError, kind_of, load_errors
 from plant.logs.record import NUMBERS, Record
-from plant.machine.rig import Rig
-from plant.motion.reference import Reference
-from plant.parts.arguments import decimal, known_options
+from plant.machine import Rig
+from plant.motion import Reference
+from plant.parts import decimal, known_options
 
 
 @known_options

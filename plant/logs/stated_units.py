@@ -14,9 +14,7 @@ from numpy.typing import NDArray
 
 from plant.logs.unit_words import unit_named, without_unit
 from plant.logs.units import UNITS, Unit, require_unit
-from plant.parts.arguments import choice, near
-from plant.parts.fields import Floats
-from plant.parts.messages import warn
+from plant.parts import Floats, choice, near, warn
 
 # What a user may state of one field.
 Stated: TypeAlias = str | tuple[str, ...] | list[str] | Mapping[str, Any]

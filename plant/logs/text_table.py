@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 from plant.logs.clock_times import ClockTimes
 from plant.logs.dialect import MISSING, dialect_of
 from plant.logs.unit_words import without_unit
-from plant.parts.csv_rows import LIMITS, Rows, lines_of
-from plant.parts.files import require_bounded
+from plant.parts import LIMITS, Rows, lines_of, require_bounded
 
 
 def read_text(

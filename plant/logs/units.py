@@ -9,13 +9,9 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from plant.machine.rig import Rig
-from plant.machine.unlikely import SLOWEST
-from plant.motion.reference import Reference
-from plant.motion.smooth import Spline
-from plant.parts.fields import Floats
-from plant.parts.messages import warn
-from plant.parts.settings import frozen_settings
+from plant.machine import SLOWEST, Rig
+from plant.motion import Reference, Spline
+from plant.parts import Floats, frozen_settings, warn
 
 # Of a field: one unit, or one per joint where some joints turn and others slide.
 Unit: TypeAlias = str | tuple[str, ...]

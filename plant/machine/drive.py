@@ -27,12 +27,21 @@ from plant.machine.drive_effects import (
 )
 from plant.machine.elasticity import Elasticity, Resonance
 from plant.machine.friction import FrictionCurve, Presliding
-from plant.mechanics.coupling import Coupling
-from plant.mechanics.urdf_file import read_urdf
-from plant.parts.arguments import instance, per_joint, real, signs
-from plant.parts.fields import ArrayOrSymbols, Floats, Vector
-from plant.parts.messages import joint_labels
-from plant.parts.part import Part, number, part, structure
+from plant.mechanics import Coupling, read_urdf
+from plant.parts import (
+    ArrayOrSymbols,
+    Floats,
+    Part,
+    Vector,
+    instance,
+    joint_labels,
+    joint_numbers,
+    number,
+    part,
+    real,
+    signs,
+    structure,
+)
 
 # Fields of friction that is neither viscous nor Coulomb's, beside the curve.
 _FURTHER = ("load_friction", "presliding", "friction_drift")
@@ -274,7 +283,7 @@ class Drive(Part):
 
     def current(self, tau: ArrayOrSymbols) -> ArrayOrSymbols:
         """Motor current [A] of a joint torque [N m]."""
-        return self.motor_torque(per_joint("torque", tau, self.n)) / self.motor_gain
+        return self.motor_torque(joint_numbers("torque", tau, self.n)) / self.motor_gain
 
     def torque_limit(self) -> Floats:
         """Largest torque of the amplifier [N m], on the joint (of coupled motors: the shaft)."""

@@ -6,9 +6,7 @@ import casadi as ca
 import numpy as np
 from casadi import SX
 
-from plant.parts.arguments import array, signs
-from plant.parts.fields import ArrayOrSymbols, Vector
-from plant.parts.part import Part, number, part
+from plant.parts import ArrayOrSymbols, Part, Vector, array, number, part, signs
 
 
 @part

@@ -7,12 +7,8 @@ import numpy as np
 from casadi import SX
 from numpy.typing import ArrayLike
 
-from plant.mechanics.arm import Arm
-from plant.mechanics.symmetric_inverse import Inverse, inverse, row_by_row
-from plant.parts.arguments import array, instance, signs
-from plant.parts.fields import Vector
-from plant.parts.messages import joint_label, warn
-from plant.parts.part import Part, number, part
+from plant.mechanics import Arm, Inverse, inverse, row_by_row
+from plant.parts import Part, Vector, array, instance, joint_label, number, part, signs, warn
 
 # Damping ratio of a gear against its locked motor where none is stated; measured ones: 0.01 to 0.03
 DAMPING_RATIO = 0.01

@@ -6,9 +6,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from plant.parts.arguments import choice, signs
-from plant.parts.fields import ArrayOrSymbols, Vector
-from plant.parts.part import Part, number, part, structure
+from plant.parts import ArrayOrSymbols, Part, Vector, choice, number, part, signs, structure
 
 
 def fix(x: ArrayOrSymbols) -> ArrayOrSymbols:

@@ -40,10 +40,8 @@ import casadi as ca
 import numpy as np
 from casadi import SX
 
-from plant.mechanics.symmetric_inverse import Inverse
-from plant.parts.arguments import signs
-from plant.parts.fields import ArrayOrSymbols, Vector
-from plant.parts.part import Part, number, part
+from plant.mechanics import Inverse
+from plant.parts import ArrayOrSymbols, Part, Vector, number, part, signs
 
 # Joint speed [rad/s] at which the smooth law, used for derivatives only, reaches tanh(1) of the
 # Coulomb level.

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple, Self
 import casadi as ca
 import numpy as np
 
-from plant.parts.part import Part, declared
+from plant.parts import Part, declared
 
 
 class Frame(NamedTuple):

@@ -10,9 +10,7 @@ import casadi as ca
 import numpy as np
 from casadi import SX
 
-from plant.parts.arguments import signs
-from plant.parts.fields import ArrayOrSymbols, Vector
-from plant.parts.part import Part, number, part
+from plant.parts import ArrayOrSymbols, Part, Vector, number, part, signs
 
 # What casadi and numpy raise where a torque cannot be worked out.
 _REFUSED = (TypeError, ValueError, RuntimeError, IndexError, AttributeError, NotImplementedError)

@@ -12,15 +12,10 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
-from plant.compiler.intrinsics import MapKernel
+from plant.compiler import MapKernel
 from plant.machine.rig import Rig
-from plant.mechanics.arm import Arm
-from plant.mechanics.coupling import Coupling
-from plant.mechanics.dynamics import Dynamics
-from plant.mechanics.lumping import STANDARD
-from plant.mechanics.symmetric_inverse import eliminated
-from plant.parts.fields import Floats
-from plant.parts.settings import frozen_settings
+from plant.mechanics import STANDARD, Arm, Coupling, Dynamics, eliminated
+from plant.parts import Floats, frozen_settings
 
 # Ratio of Jm_min to the drive's motor inertia. Source: paper 3.6 (1e-4 kg m^2 / 2e-4 kg m^2).
 LEAST_MOTOR_INERTIA = 0.5

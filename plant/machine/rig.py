@@ -10,11 +10,19 @@ from plant.machine.drive import Drive
 from plant.machine.encoder import Encoder
 from plant.machine.inner_loop import InnerLoop
 from plant.machine.known_torque import KnownTorque, require_torques, total_torque
-from plant.mechanics.chain import Chain
-from plant.parts.arguments import per_joint, real, signs
-from plant.parts.fields import ArrayOrSymbols, Floats
-from plant.parts.messages import joint_labels
-from plant.parts.part import Part, number, part, structure
+from plant.mechanics import Chain
+from plant.parts import (
+    ArrayOrSymbols,
+    Floats,
+    Part,
+    joint_labels,
+    joint_numbers,
+    number,
+    part,
+    real,
+    signs,
+    structure,
+)
 
 # How the names of a rig's numbers begin that are zero for joints without dry friction, as in linear
 # analysis.
@@ -290,7 +298,7 @@ class Rig(Part):
     def counts(self, q: ArrayOrSymbols) -> ArrayOrSymbols:
         """Counts at a joint position [rad], with the motor's sign, without the phase."""
         # Without the phase, which a controller cannot know.
-        return self.encoder.quantised(self.position_in_pulses(per_joint("q", q, self.n)))
+        return self.encoder.quantised(self.position_in_pulses(joint_numbers("q", q, self.n)))
 
     def true_counts(self, q: ArrayOrSymbols) -> ArrayOrSymbols:
         """Encoder counts at a joint position [rad], with the phase of the encoder."""

@@ -5,7 +5,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from plant.machine.rig import Rig
-from plant.parts.fields import Floats
+from plant.parts import Floats
 
 _LEAST_GEAR = 0.5  # turns of the motor per turn of the joint; an inverse ratio lies far below
 SLOWEST = 0.1  # sampling period [s] that no controller of an arm has

@@ -5,9 +5,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from plant.parts.arguments import array
-from plant.parts.fields import Floats, Vector
-from plant.parts.part import Part, number, part, structure
+from plant.parts import Floats, Part, Vector, array, number, part, structure
 
 
 @part

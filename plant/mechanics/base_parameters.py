@@ -22,7 +22,7 @@ import numpy as np
 
 from plant.mechanics.lumping import STANDARD, Lumping, parameter_name
 from plant.mechanics.newton_euler import torque
-from plant.parts.fields import Floats
+from plant.parts import Floats
 
 if TYPE_CHECKING:
     from plant.mechanics.chain import Chain

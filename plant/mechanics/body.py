@@ -7,9 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
-from plant.parts.arguments import array, signs
-from plant.parts.fields import Floats, Vector
-from plant.parts.part import Part, number, part
+from plant.parts import Floats, Part, Vector, array, number, part, signs
 
 if TYPE_CHECKING:
     from plant.mechanics.placement import Placement

@@ -17,10 +17,18 @@ from plant.mechanics.mjcf_file import read_mjcf
 from plant.mechanics.model_tree import links_of_chain
 from plant.mechanics.placement import Placement
 from plant.mechanics.urdf_file import read_urdf
-from plant.parts.arguments import array, choice, instance, real
-from plant.parts.fields import Nested
-from plant.parts.messages import JointUnits, joint_labels
-from plant.parts.part import Part, part, structure
+from plant.parts import (
+    JointUnits,
+    Nested,
+    Part,
+    array,
+    choice,
+    instance,
+    joint_labels,
+    part,
+    real,
+    structure,
+)
 
 _KEYS = ("alpha", "a", "d", "theta", "prismatic", "name")
 

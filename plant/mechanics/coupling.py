@@ -11,9 +11,7 @@ import casadi as ca
 import numpy as np
 
 from plant.mechanics.placement import exact
-from plant.parts.arguments import array
-from plant.parts.fields import ArrayOrSymbols, Floats, Nested
-from plant.parts.part import Part, part, structure
+from plant.parts import ArrayOrSymbols, Floats, Nested, Part, array, part, structure
 
 
 @part

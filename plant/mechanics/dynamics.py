@@ -19,10 +19,17 @@ from plant.mechanics.body import Body
 from plant.mechanics.chain import Chain
 from plant.mechanics.lumping import STANDARD, Lumping, standard_parameters
 from plant.mechanics.newton_euler import by_speeds, collected, lumped_torque, torque
-from plant.parts.arguments import array, instance
-from plant.parts.checked_function import CheckedFunction
-from plant.parts.fields import ArrayOrSymbols, Floats, Nested
-from plant.parts.part import Part, part, structure
+from plant.parts import (
+    ArrayOrSymbols,
+    CheckedFunction,
+    Floats,
+    Nested,
+    Part,
+    array,
+    instance,
+    part,
+    structure,
+)
 
 
 @part

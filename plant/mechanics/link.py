@@ -6,10 +6,18 @@ import casadi as ca
 import numpy as np
 
 from plant.mechanics.placement import Placement, exact
-from plant.parts.arguments import signs
-from plant.parts.fields import Floats, Vector
-from plant.parts.messages import SLIDES, TURNS, JointUnits
-from plant.parts.part import Part, number, part, structure
+from plant.parts import (
+    SLIDES,
+    TURNS,
+    Floats,
+    JointUnits,
+    Part,
+    Vector,
+    number,
+    part,
+    signs,
+    structure,
+)
 
 # Length that no link of an arm exceeds [m]; a longer one was probably given in mm.
 _LONGEST = 50.0

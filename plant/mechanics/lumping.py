@@ -17,8 +17,7 @@ import casadi as ca
 import numpy as np
 
 from plant.mechanics.body import Body
-from plant.parts.fields import Floats, Nested
-from plant.parts.part import Part, part, structure
+from plant.parts import Floats, Nested, Part, part, structure
 
 if TYPE_CHECKING:
     from plant.mechanics.chain import Chain

@@ -13,8 +13,7 @@ from plant.mechanics.body import Body, body_in, inertia_matrix
 from plant.mechanics.model_tree import HERE, Constraint, ModelFile, ModelJoint, deferred
 from plant.mechanics.placement import Placement
 from plant.mechanics.xml_file import Element, numbers_of, parsed, rotation_of
-from plant.parts.arguments import choice
-from plant.parts.fields import Floats
+from plant.parts import Floats, choice
 
 # Indices in `Body.inertia` of the entries of ``fullinertia``: Ixx Iyy Izz Ixy Ixz Iyz.
 FULL = (0, 3, 5, 1, 2, 4)

@@ -15,9 +15,7 @@ from plant.mechanics.body import Body
 from plant.mechanics.link import Limits, Link
 from plant.mechanics.placement import Placement, axis_frame, righted
 from plant.mechanics.xml_file import Element
-from plant.parts.arguments import choice, near, several
-from plant.parts.fields import Floats
-from plant.parts.messages import joint_labels
+from plant.parts import Floats, choice, joint_labels, near, several
 
 T = TypeVar("T")
 

@@ -13,9 +13,7 @@ from numpy.typing import ArrayLike
 
 from plant.mechanics.chain import Chain
 from plant.mechanics.lumping import STANDARD, Lumping
-from plant.parts.arguments import array
-from plant.parts.checked_function import CheckedFunction
-from plant.parts.fields import Floats
+from plant.parts import CheckedFunction, Floats, array
 
 
 def torque(chain: Chain, q: SX, qd: SX, qdd: SX, pi: SX, gravity: Iterable[float]) -> SX:

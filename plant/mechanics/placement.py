@@ -7,9 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from plant.parts.arguments import array
-from plant.parts.fields import Floats, Nested
-from plant.parts.part import Part, part, structure
+from plant.parts import Floats, Nested, Part, array, part, structure
 
 
 def turn(axis: ArrayLike, angle: float) -> Floats:

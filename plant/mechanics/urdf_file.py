@@ -10,9 +10,7 @@ from plant.mechanics.body import Body, body_in
 from plant.mechanics.model_tree import HERE, MOVING, ModelFile, ModelJoint, deferred
 from plant.mechanics.placement import Placement
 from plant.mechanics.xml_file import Element, numbers_of, parsed
-from plant.parts.arguments import choice, near, several
-from plant.parts.fields import Floats
-from plant.parts.files import read_bounded
+from plant.parts import Floats, choice, near, read_bounded, several
 
 # attributes of <inertia>, in the order of `Body.inertia`
 INERTIA = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")

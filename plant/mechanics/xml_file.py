@@ -11,8 +11,7 @@ from xml.sax.saxutils import quoteattr
 import numpy as np
 
 from plant.mechanics.placement import turn
-from plant.parts.fields import Floats
-from plant.parts.files import read_bounded
+from plant.parts import Floats, read_bounded
 
 Edit = tuple[int, int, bytes]  # start and stop of the bytes to replace, and the new bytes
 

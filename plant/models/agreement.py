@@ -9,10 +9,9 @@ from functools import cached_property
 
 import numpy as np
 
-from plant.mechanics.model_tree import SLIP
+from plant.mechanics import SLIP
 from plant.models.hypotheses import Inertial, Shape, without_mistakes
-from plant.parts.fields import Floats
-from plant.parts.settings import frozen_settings
+from plant.parts import Floats, frozen_settings
 
 HEAVIEST = 23000.0
 """Density [kg/m^3] of nothing that links are made of: above that of osmium."""

@@ -7,13 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from plant.machine.rig import Rig
-from plant.mechanics.arm import Arm
-from plant.mechanics.chain import Chain
-from plant.mechanics.dynamics import Dynamics
-from plant.mechanics.lumping import STANDARD, Lumping, parameter_name
+from plant.machine import Rig
+from plant.mechanics import STANDARD, Arm, Chain, Dynamics, Lumping, parameter_name
 from plant.models.tables import part_of, table_of
-from plant.parts.arguments import choice, instance, real
+from plant.parts import choice, instance, real
 
 # Word of a parameter of f -> whether it acts in the inertial torque, and in that of gravity.
 _TORQUES = {

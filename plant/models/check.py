@@ -16,10 +16,20 @@ from typing import NamedTuple
 
 import numpy as np
 
-from plant.mechanics.body import Body, inertia_matrix
-from plant.mechanics.model_tree import MOVING, deferred
-from plant.mechanics.urdf_file import INERTIA, expanded, is_xacro, origin_of
-from plant.mechanics.xml_file import Element, numbers_of, parsed, spliced
+from plant.mechanics import (
+    INERTIA,
+    MOVING,
+    Body,
+    Element,
+    deferred,
+    expanded,
+    inertia_matrix,
+    is_xacro,
+    numbers_of,
+    origin_of,
+    parsed,
+    spliced,
+)
 from plant.models.agreement import (
     NO_BODY,
     STEEL,
@@ -51,10 +61,15 @@ from plant.models.hypotheses import (
     without_mistakes,
 )
 from plant.models.joints_stated import mistakes_of_joints
-from plant.parts.arguments import known_options
-from plant.parts.files import require_new, write_whole
-from plant.parts.settings import frozen_settings
-from plant.parts.shown import Piece, Shown, Verdict
+from plant.parts import (
+    Piece,
+    Shown,
+    Verdict,
+    frozen_settings,
+    known_options,
+    require_new,
+    write_whole,
+)
 
 
 @frozen_settings

@@ -5,13 +5,21 @@ from xml.sax.saxutils import quoteattr
 
 import numpy as np
 
-from plant.machine.drive import Drive
-from plant.mechanics.body import Body
-from plant.mechanics.mjcf_file import FULL, holds
-from plant.mechanics.model_tree import MOVING, ModelFile, ModelJoint
-from plant.mechanics.placement import Placement
-from plant.mechanics.urdf_file import INERTIA, origin_of
-from plant.mechanics.xml_file import ORIENTATIONS, Edit, Element
+from plant.machine import Drive
+from plant.mechanics import (
+    FULL,
+    INERTIA,
+    MOVING,
+    ORIENTATIONS,
+    Body,
+    Edit,
+    Element,
+    ModelFile,
+    ModelJoint,
+    Placement,
+    holds,
+    origin_of,
+)
 
 
 def urdf_inertial(data: bytes, link: Element, body: Body) -> list[Edit]:

@@ -7,10 +7,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from plant.mechanics.model_tree import HERE, deferred
-from plant.mechanics.urdf_file import origin_of
-from plant.mechanics.xml_file import Element, numbers_of
-from plant.parts.fields import Floats
+from plant.mechanics import HERE, Element, deferred, numbers_of, origin_of
+from plant.parts import Floats
 
 
 @dataclass(frozen=True)

@@ -5,8 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from plant.mechanics.urdf_file import origin_of
-from plant.mechanics.xml_file import Element, numbers_of
+from plant.mechanics import Element, numbers_of, origin_of
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -7,15 +7,12 @@ from typing import Any
 
 import numpy as np
 
-from plant.laws.pid import P
-from plant.machine.drive import Drive
-from plant.machine.encoder import Encoder
-from plant.machine.rig import Rig
-from plant.mechanics.chain import Chain
-from plant.mechanics.urdf_file import read_urdf
+from plant.laws import P
+from plant.machine import Drive, Encoder, Rig
+from plant.mechanics import Chain, read_urdf
 from plant.models.arm_table import model_beside
 from plant.models.tables import check_keys, meaning_of, toml_lines
-from plant.parts.part import Part
+from plant.parts import Part
 
 MISSING = "?"
 """In place of a value: it is still to be filled in."""

@@ -6,19 +6,24 @@ from dataclasses import field, replace
 from pathlib import Path
 from typing import Any, cast
 
-from plant.laws.law import Law
-from plant.logs.mapping import mapped_names
-from plant.machine.drive import Drive
-from plant.machine.rig import Rig
-from plant.mechanics.arm import Arm
-from plant.mechanics.dynamics import Dynamics
+from plant.laws import Law
+from plant.logs import mapped_names
+from plant.machine import Drive, Rig
+from plant.mechanics import Arm, Dynamics
 from plant.models.arm_table import arm_table, chain_of, dynamics_of, model_beside
 from plant.models.new_robot import drive_table, per_joint_table, require_complete
 from plant.models.tables import class_of, part_of, table_of, toml_lines, unit_of
-from plant.parts.arguments import choice, instance, known_options, whole
-from plant.parts.files import require_new, write_whole
-from plant.parts.frozen import Frozen, frozen
-from plant.parts.part import Part
+from plant.parts import (
+    Frozen,
+    Part,
+    choice,
+    frozen,
+    instance,
+    known_options,
+    require_new,
+    whole,
+    write_whole,
+)
 
 # Bytes of a robot file: a larger file is none, and is refused before it is read.
 _LARGEST = 5_000_000

@@ -8,10 +8,7 @@ import re
 from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
-from plant.parts.arguments import near
-from plant.parts.kinds import PARTS, kind_of, meanings
-from plant.parts.part import Part
-from plant.parts.plain import from_plain
+from plant.parts import PARTS, Part, from_plain, kind_of, meanings, near
 
 _UNIT = re.compile(r"\[([^\]]*)\]")
 

@@ -14,10 +14,9 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from plant.machine.rig import Rig
-from plant.mechanics.arm import Arm
-from plant.parts import Floats, instance, real
-from plant.parts.fields import ArrayOrSymbols
+from plant.machine import Rig
+from plant.mechanics import Arm
+from plant.parts import ArrayOrSymbols, Floats, instance, real
 
 # Speed along the path at which Coulomb friction acts in full, and viscous friction not at all.
 _CREEP = 1e-9

@@ -14,9 +14,8 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from plant.machine.rig import Rig
-from plant.mechanics.arm import Arm
-from plant.mechanics.link import Limits
+from plant.machine import Rig
+from plant.mechanics import Arm, Limits
 from plant.motion.demand import demand, sampled_demand, shortest_duration
 from plant.motion.fastest import require_inside
 from plant.motion.reference import Motion, Reference, Scaled

@@ -23,9 +23,8 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
-from plant.machine.rig import Rig
-from plant.mechanics.arm import Arm
-from plant.mechanics.link import Limits
+from plant.machine import Rig
+from plant.mechanics import Arm, Limits
 from plant.motion.demand import Demand, demand, shortest_duration
 from plant.motion.reference import Motion, Reference, Scaled
 from plant.motion.table import Table

@@ -6,10 +6,8 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from plant.machine.drive import Drive
-from plant.machine.rig import Rig
-from plant.mechanics.arm import Arm
-from plant.mechanics.dynamics import Dynamics
+from plant.machine import Drive, Rig
+from plant.mechanics import Arm, Dynamics
 from plant.motion.reference import Derived, Reference
 from plant.parts import Floats, instance, part, structure
 

@@ -15,11 +15,21 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from plant.machine.rig import Rig
-from plant.mechanics.arm import Arm
+from plant.machine import Rig
+from plant.mechanics import Arm
 from plant.motion.demand import sampled_demand
-from plant.parts import Floats, Nested, Part, array, known_options, number, part, real, structure
-from plant.parts.part import declared
+from plant.parts import (
+    Floats,
+    Nested,
+    Part,
+    array,
+    declared,
+    known_options,
+    number,
+    part,
+    real,
+    structure,
+)
 
 
 class Motion(NamedTuple):

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from plant.parts.fields import Floats
+from plant.parts import Floats
 
 # Degree of the splines: quintic ones have smooth accelerations.
 _DEGREE = 5

@@ -8,8 +8,7 @@ from typing import Self
 import numpy as np
 
 from plant.motion.reference import Timed
-from plant.parts import Floats, Nested, known_options, part, structure
-from plant.parts.csv_rows import read_rows
+from plant.parts import Floats, Nested, known_options, part, read_rows, structure
 
 # A joint's name with one number, such as q_1 [rad].
 _NUMBERED = re.compile(r"(\D*)(\d+)\D*")

@@ -5,9 +5,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from plant.mechanics.base_parameters import independent_columns
-from plant.mechanics.dynamics import Dynamics
-from plant.mechanics.lumping import LOAD
+from plant.mechanics import LOAD, Dynamics, independent_columns
 from plant.motion.reference import Reference
 from plant.parts import Floats, Piece, Shown, Verdict, instance, real
 

@@ -74,7 +74,7 @@ def array(
     return result
 
 
-def per_joint(name: str, value: Any, n: int) -> Any:
+def joint_numbers(name: str, value: Any, n: int) -> Any:
     """Numbers of n joints in their last axis, as an array; casadi symbols remain as they are."""
     if isinstance(value, (ca.SX, ca.MX, ca.DM)):
         return value

@@ -16,12 +16,19 @@ from typing import Any
 
 import casadi as ca
 
-from plant.compiler.c_statements import braced, constant, helpers, literal, paragraph, statements
-from plant.compiler.instructions import STATE, TIME, UNIFORM
-from plant.machine.inner_loop import Frame
-from plant.machine.rig import Rig
-from plant.parts.arguments import instance
-from plant.parts.kinds import meanings
+from plant.compiler import (
+    STATE,
+    TIME,
+    UNIFORM,
+    braced,
+    constant,
+    helpers,
+    literal,
+    paragraph,
+    statements,
+)
+from plant.machine import Frame, Rig
+from plant.parts import instance, meanings
 from plant.realtime.c_running import write_running
 from plant.realtime.c_text import (
     HOST,

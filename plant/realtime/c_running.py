@@ -15,11 +15,20 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from plant.compiler.c_statements import braced, comment, helpers, literal, paragraph, statements
-from plant.compiler.instructions import STATE, UNIFORM
-from plant.compiler.python_to_c import CFunction, CNames
-from plant.machine.rig import Rig
-from plant.parts.fields import Floats
+from plant.compiler import (
+    STATE,
+    UNIFORM,
+    CFunction,
+    CNames,
+    braced,
+    comment,
+    helpers,
+    literal,
+    paragraph,
+    statements,
+)
+from plant.machine import Rig
+from plant.parts import Floats
 from plant.realtime import safety, stopping, watching
 from plant.realtime.c_text import (
     HOST,

@@ -13,10 +13,9 @@ from typing import Any, NamedTuple, Self
 import casadi as ca
 import numpy as np
 
-from plant.compiler.c_statements import constant
-from plant.machine.rig import Rig
-from plant.parts.arguments import array, choice, instance, real
-from plant.parts.fields import Floats
+from plant.compiler import constant
+from plant.machine import Rig
+from plant.parts import Floats, array, choice, instance, real
 from plant.version import __version__
 
 # Functions of C's library that c/elementary.c replaces on a microcontroller.

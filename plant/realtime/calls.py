@@ -7,7 +7,7 @@ of the same names.
 
 from typing import Any
 
-from plant.compiler.intrinsics import call_by_number
+from plant.compiler import call_by_number
 
 # Names in the order of their numbers, by which the generated code knows them.
 PIECES: list[str] = []

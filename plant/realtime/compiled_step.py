@@ -14,12 +14,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from plant.compiler.instructions import STATE, UNIFORM
-from plant.compiler.intrinsics import MODULES, head, switch
-from plant.compiler.kernel_cache import Kernel
-from plant.compiler.translate import Names, translate
-from plant.machine.rig import Rig
-from plant.parts.fields import Floats
+from plant.compiler import MODULES, STATE, UNIFORM, Kernel, Names, head, switch, translate
+from plant.machine import Rig
+from plant.parts import Floats
 from plant.realtime import calls, memory, safety, stopping, watching
 from plant.realtime.guards import Guards
 from plant.realtime.memory import JOINT_SIZE, MOTION_SIZE, RUN_SIZE, Layout, view

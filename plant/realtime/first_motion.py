@@ -5,12 +5,9 @@ from collections.abc import Generator, Iterator
 import numpy as np
 from numpy.typing import ArrayLike
 
-from plant.machine.rig import Rig
-from plant.mechanics.arm import Arm
-from plant.parts.arguments import array, instance, known_options, real
-from plant.parts.fields import Floats
-from plant.parts.messages import TURNS
-from plant.parts.settings import frozen_settings
+from plant.machine import Rig
+from plant.mechanics import Arm
+from plant.parts import TURNS, Floats, array, frozen_settings, instance, known_options, real
 from plant.realtime.guards import Guards
 
 

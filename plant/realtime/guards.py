@@ -5,11 +5,9 @@ import dataclasses
 import numpy as np
 from numpy.typing import ArrayLike
 
-from plant.machine.rig import Rig
-from plant.mechanics.link import Limits
-from plant.parts.arguments import array, choice, instance, known_options, real
-from plant.parts.fields import Floats
-from plant.parts.messages import warn
+from plant.machine import Rig
+from plant.mechanics import Limits
+from plant.parts import Floats, array, choice, instance, known_options, real, warn
 
 # Length of the window in which time at the limit is counted [s].
 WINDOW = 0.1

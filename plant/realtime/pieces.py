@@ -17,8 +17,7 @@ from typing import Any, NamedTuple
 
 import casadi as ca
 
-from plant.machine.inner_loop import Frame
-from plant.machine.rig import Rig
+from plant.machine import Frame, Rig
 from plant.realtime.calls import PIECES
 from plant.realtime.guards import WINDOW, Guards
 from plant.realtime.memory import (

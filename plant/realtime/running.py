@@ -8,9 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from plant.machine.rig import Rig
-from plant.parts.arguments import choice, instance
-from plant.parts.fields import Floats
+from plant.machine import Rig
+from plant.parts import Floats, choice, instance
 from plant.realtime.c_running import write_running
 from plant.realtime.compiled_step import compensates_gravity, compiled
 from plant.realtime.guards import Guards, limited

@@ -14,7 +14,7 @@ where there is no feedback for a hold, to zero where either drives the arm.
 
 import numpy as np
 
-from plant.compiler.intrinsics import inlined
+from plant.compiler import inlined
 from plant.realtime.calls import (
     counted,
     law,

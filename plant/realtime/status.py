@@ -8,12 +8,17 @@ from typing import Any, NoReturn, Self
 import numpy as np
 from numpy.typing import ArrayLike
 
-from plant.machine.rig import Rig
-from plant.parts.arguments import array
-from plant.parts.fields import Floats
-from plant.parts.files import require_new
-from plant.parts.mcap_file import STATUS, McapFile, joint_topics
-from plant.parts.messages import TURNS, JointUnits
+from plant.machine import Rig
+from plant.parts import (
+    STATUS,
+    TURNS,
+    Floats,
+    JointUnits,
+    McapFile,
+    array,
+    joint_topics,
+    require_new,
+)
 from plant.realtime import memory as layout
 from plant.realtime.pieces import RAMP
 from plant.realtime.watching import FAR

@@ -6,7 +6,7 @@
 
 import math
 
-from plant.compiler.intrinsics import in_kernel, inlined
+from plant.compiler import in_kernel, inlined
 from plant.realtime.calls import counted, limited, planned, standing
 from plant.realtime.memory import (
     BAD_TIME,

@@ -6,7 +6,7 @@
 
 import numpy as np
 
-from plant.compiler.intrinsics import in_kernel, inlined
+from plant.compiler import in_kernel, inlined
 from plant.realtime.calls import ahead, bounds, measured, needed
 from plant.realtime.memory import (
     BAD_CLOCK,

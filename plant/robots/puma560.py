@@ -10,17 +10,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from plant.laws.pid import P
-from plant.machine.drive import Drive
-from plant.machine.encoder import Encoder
-from plant.machine.rig import Rig
-from plant.mechanics.arm import Arm
-from plant.mechanics.body import Body
-from plant.mechanics.chain import Chain
-from plant.mechanics.dynamics import Dynamics
-from plant.mechanics.link import Link
-from plant.mechanics.lumping import Lumping
-from plant.motion.smooth import Harmonics
+from plant.laws import P
+from plant.machine import Drive, Encoder, Rig
+from plant.mechanics import Arm, Body, Chain, Dynamics, Link, Lumping
+from plant.motion import Harmonics
 
 # distance of axes 2 and 3 [m]; the paper's a3, called a2 in the tables of modified DH parameters
 LINK_LENGTH = 0.4318

@@ -14,14 +14,20 @@ from xml.sax.saxutils import escape
 import casadi as ca
 from numpy.typing import ArrayLike
 
-from plant.compiler.c_statements import helpers, paragraph, statements
-from plant.compiler.instructions import STATE, TIME, UNIFORM
-from plant.laws.law import Law
-from plant.machine.rig import Rig
-from plant.parts.arguments import instance, known_options
-from plant.realtime.c_running import values_of
-from plant.realtime.c_text import CONTROLLER, Output, require_exportable, rig_of, write_templates
-from plant.realtime.guards import Guards, limited
+from plant.compiler import STATE, TIME, UNIFORM, helpers, paragraph, statements
+from plant.laws import Law
+from plant.machine import Rig
+from plant.parts import instance, known_options
+from plant.realtime import (
+    CONTROLLER,
+    Guards,
+    Output,
+    limited,
+    require_exportable,
+    rig_of,
+    values_of,
+    write_templates,
+)
 
 _TEMPLATES = Path(__file__).with_name("templates")
 # Relative difference that the rates of manager and law may have; the controller checks 0.1 %.

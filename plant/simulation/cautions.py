@@ -5,12 +5,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from plant.laws.law import Law
-from plant.machine.elasticity import FOLLOWED, reduced
-from plant.machine.rig import Rig
-from plant.mechanics.arm import Arm
-from plant.parts.fields import Floats
-from plant.parts.messages import joint_label, warn
+from plant.laws import Law
+from plant.machine import FOLLOWED, Rig, reduced
+from plant.mechanics import Arm
+from plant.parts import Floats, joint_label, warn
 from plant.simulation.jacobians import jacobians
 
 

@@ -19,9 +19,8 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from plant.laws.law import Setpoint
-from plant.machine.drive_effects import lagging
-from plant.machine.inner_loop import Frame
+from plant.laws import Setpoint
+from plant.machine import Frame, lagging
 from plant.simulation.layout import Layout
 from plant.simulation.sub_step import FrictionStep, elastic, rigid
 

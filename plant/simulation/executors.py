@@ -14,8 +14,8 @@ from dataclasses import dataclass
 from queue import SimpleQueue
 from typing import Any, Self, TypeVar
 
-from plant.compiler.background import cores
-from plant.parts.arguments import several
+from plant.compiler import cores
+from plant.parts import several
 from plant.version import __version__
 
 T = TypeVar("T")

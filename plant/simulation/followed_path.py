@@ -13,15 +13,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from plant.checkup.lost_rows import off_reference
-from plant.laws.law import Law
-from plant.logs.record import Record
-from plant.machine.rig import Rig, smooth_rig
-from plant.motion.reference import Motion, Reference
-from plant.motion.smooth import Spline
-from plant.motion.smooth_splines import smooth_splines
-from plant.parts.fields import Floats
-from plant.parts.settings import frozen_settings
+from plant.checkup import off_reference
+from plant.laws import Law
+from plant.logs import Record
+from plant.machine import Rig, smooth_rig
+from plant.motion import Motion, Reference, Spline, smooth_splines
+from plant.parts import Floats, frozen_settings
 from plant.simulation.clock import Clock
 
 # Largest number of samples of a path to evaluate at once: the motion takes much memory.

@@ -6,11 +6,10 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
-from plant.laws.law import Law
-from plant.machine.rig import Rig
-from plant.mechanics.arm import Arm
-from plant.parts.arguments import array
-from plant.parts.fields import Floats
+from plant.laws import Law
+from plant.machine import Rig
+from plant.mechanics import Arm
+from plant.parts import Floats, array
 from plant.simulation.closed_loop import ClosedLoop
 
 

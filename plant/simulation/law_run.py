@@ -8,10 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from plant.laws.resumed import FAST, AlongLog
-from plant.logs.record import Record
-from plant.parts.fields import Floats
-from plant.parts.frozen import Frozen, frozen
+from plant.laws import FAST, AlongLog
+from plant.logs import Record
+from plant.parts import Floats, Frozen, frozen
 from plant.simulation.clock import Clock
 from plant.simulation.followed_path import Logged, path_of
 

@@ -12,14 +12,10 @@ from typing import Any, Self
 import casadi as ca
 import numpy as np
 
-from plant.laws.law import Law
-from plant.machine.inner_loop import Frame, InnerLoop
-from plant.machine.rig import DRY_FRICTION, Rig, punctual_rig, smooth_rig
-from plant.mechanics.dynamics import Dynamics
-from plant.parts.arguments import whole
-from plant.parts.fields import Floats, Vector
-from plant.parts.part import Part, number, part
-from plant.parts.vector import Fields, per_joint, scalars
+from plant.laws import Law
+from plant.machine import DRY_FRICTION, Frame, InnerLoop, Rig, punctual_rig, smooth_rig
+from plant.mechanics import Dynamics
+from plant.parts import Fields, Floats, Part, Vector, number, part, per_joint, scalars, whole
 
 # Passes of the fixed-point iteration for a link that hangs in its spring. Each divides the error by
 # the ratio of the gear's stiffness to the slope of the weight.

@@ -8,8 +8,8 @@ from typing import Any, NoReturn
 import casadi as ca
 import numpy as np
 
-from plant.mechanics.arm import Arm
-from plant.parts.fields import Floats
+from plant.mechanics import Arm
+from plant.parts import Floats
 from plant.simulation.clock import Clock
 from plant.simulation.closed_loop import ClosedLoop
 from plant.simulation.loop_kernel import Structure, loop_kernel

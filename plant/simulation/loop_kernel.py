@@ -6,8 +6,8 @@ from typing import Any, NamedTuple, TypeAlias, TypeVar
 
 import numpy as np
 
-from plant.compiler.kernel_cache import Kernel
-from plant.parts.fields import Floats
+from plant.compiler import Kernel
+from plant.parts import Floats
 from plant.simulation.clock import Clock
 from plant.simulation.closed_loop import ClosedLoop
 from plant.simulation.loop_source import loop_source

@@ -11,9 +11,7 @@ import math
 import re
 from collections.abc import Callable, Sequence
 
-from plant.compiler.instructions import LANE, STATE, TIME, UNIFORM
-from plant.compiler.intrinsics import head
-from plant.compiler.translate import Names, cut, translate
+from plant.compiler import LANE, STATE, TIME, UNIFORM, Names, cut, head, translate
 from plant.simulation.closed_loop import ClosedLoop
 
 # Individuals in one vector: the longest register that there is, or two or four shorter ones.

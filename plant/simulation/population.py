@@ -15,17 +15,22 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from plant.compiler.background import shared_out
-from plant.laws.law import Law
-from plant.machine.rig import Rig
-from plant.mechanics.arm import Arm
-from plant.motion.reference import Reference
-from plant.parts.checkpoint import Checkpoint
-from plant.parts.fields import Floats
-from plant.parts.frozen import Frozen, frozen
-from plant.parts.kinds import kept
-from plant.parts.messages import progress_bar
-from plant.parts.vector import Fields, per_joint, scalars
+from plant.compiler import shared_out
+from plant.laws import Law
+from plant.machine import Rig
+from plant.mechanics import Arm
+from plant.motion import Reference
+from plant.parts import (
+    Checkpoint,
+    Fields,
+    Floats,
+    Frozen,
+    frozen,
+    kept,
+    per_joint,
+    progress_bar,
+    scalars,
+)
 from plant.simulation.clock import Clock
 from plant.simulation.closed_loop import ClosedLoop
 from plant.simulation.executors import mapped

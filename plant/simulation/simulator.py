@@ -8,16 +8,12 @@ from typing import Any, TypeAlias, cast
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from plant.laws.law import Law
-from plant.logs.record import Record
-from plant.machine.rig import Rig
-from plant.machine.unlikely import unlikely_statements
-from plant.mechanics.arm import Arm
-from plant.motion.reference import Reference
-from plant.parts.arguments import array, choice, instance, known_options, real
-from plant.parts.fields import Floats
-from plant.parts.messages import warn
-from plant.parts.room import require_room
+from plant.laws import Law
+from plant.logs import Record
+from plant.machine import Rig, unlikely_statements
+from plant.mechanics import Arm
+from plant.motion import Reference
+from plant.parts import Floats, array, choice, instance, known_options, real, require_room, warn
 from plant.simulation.cautions import (
     warn_of_missing_rotors,
     warn_of_stiff_gears,

@@ -3,12 +3,10 @@
 import numpy as np
 from numpy.typing import ArrayLike
 
-from plant.laws.replayed import LoggedTorque
-from plant.machine.rig import Rig
-from plant.mechanics.arm import Arm
-from plant.mechanics.body import Body
-from plant.parts.arguments import array, instance, known_options
-from plant.parts.fields import Floats
+from plant.laws import LoggedTorque
+from plant.machine import Rig
+from plant.mechanics import Arm, Body
+from plant.parts import Floats, array, instance, known_options
 from plant.simulation.closed_loop import ClosedLoop
 from plant.simulation.logged_run import DivergenceError
 from plant.simulation.loop_kernel import loop_kernel

@@ -9,18 +9,18 @@ from typing import Any, NamedTuple
 
 import casadi as ca
 
-from plant.machine.drive import Drive
-from plant.machine.elasticity import joined, spring
-from plant.machine.friction import (
+from plant.machine import (
     Bristles,
+    Drive,
+    Rig,
     bristle_impulse,
     friction_impulse,
+    joined,
     smooth_bristle_impulse,
     smooth_impulse,
+    spring,
 )
-from plant.machine.rig import Rig
-from plant.mechanics.dynamics import Dynamics
-from plant.mechanics.symmetric_inverse import Inverse, inverse
+from plant.mechanics import Dynamics, Inverse, inverse
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

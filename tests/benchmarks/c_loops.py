@@ -21,10 +21,7 @@ import tempfile
 import numpy as np
 
 from plant import Record
-from plant.simulation.clock import Clock
-from plant.simulation.closed_loop import ClosedLoop
-from plant.simulation.followed_path import path_of, start_of
-from plant.simulation.time_tables import time_tables
+from plant.simulation import Clock, ClosedLoop, path_of, start_of, time_tables
 
 SOURCES = pathlib.Path(__file__).with_name("c")
 

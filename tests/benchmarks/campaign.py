@@ -44,7 +44,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import campaign_tasks as work  # noqa: E402
 
 from ctc import ComputedTorque, Fleet, Uncertainty, campaign, certify  # noqa: E402
-from ctc.certification.rare import subset_simulation  # noqa: E402
+from ctc.certification import subset_simulation  # noqa: E402
 from identification import fit_torque, identify  # noqa: E402
 from plant import puma560, simulate  # noqa: E402
 

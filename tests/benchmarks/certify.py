@@ -18,7 +18,7 @@ import time
 import numpy as np
 
 from ctc import ComputedTorque, Uncertainty, certify
-from ctc.certification.certified import clopper_pearson
+from ctc.certification import clopper_pearson
 from identification import identify
 from plant import Phase, puma560, simulate
 

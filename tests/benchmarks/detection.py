@@ -17,9 +17,7 @@ import time
 import numpy as np
 
 from identification import identify
-from identification.results import diagnostics
-from identification.results.detection import Detection
-from identification.results.seen import seen
+from identification.results import Detection, diagnostics, seen
 from plant import (
     PD,
     Elasticity,
@@ -30,7 +28,7 @@ from plant import (
     read_robot,
     simulate,
 )
-from plant.machine.motor_inertia import least_inertia_margin
+from plant.machine import least_inertia_margin
 
 DYNAMICS, RIG, PATH = puma560.dynamics(), puma560.rig(), puma560.reference()
 ARMS = (puma560.literature_arm(1.5), puma560.arm())

@@ -12,11 +12,7 @@ import time
 import numpy as np
 
 from plant import Elasticity, FrictionDrift, Presliding, TorqueRipple, puma560
-from plant.simulation.clock import Clock
-from plant.simulation.closed_loop import ClosedLoop
-from plant.simulation.followed_path import Path
-from plant.simulation.loop_kernel import LANES, LoopKernel
-from plant.simulation.time_tables import time_tables
+from plant.simulation import LANES, Clock, ClosedLoop, LoopKernel, Path, time_tables
 
 ROUNDS = 15
 ARM, RIG, PATH, LAW = (

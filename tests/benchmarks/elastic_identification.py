@@ -21,7 +21,7 @@ import numpy as np
 
 from identification import identify
 from plant import Elasticity, P, Phase, puma560, simulate
-from plant.machine.motor_inertia import LEAST_MOTOR_INERTIA, least_inertia_margin
+from plant.machine import LEAST_MOTOR_INERTIA, least_inertia_margin
 
 DYNAMICS, RIG, PATH = puma560.dynamics(), puma560.rig(), puma560.reference()
 ARMS = (puma560.literature_arm(1.5), puma560.arm())

@@ -20,7 +20,7 @@ from pathlib import Path
 import numpy as np
 
 from ctc import ComputedTorque, ComputedTorquePID, FeedForward, Uncertainty, certify
-from ctc.certification.certified import clopper_pearson
+from ctc.certification import clopper_pearson
 from identification import identify
 from plant import PD, Elasticity, P, puma560, simulate
 

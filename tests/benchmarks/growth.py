@@ -16,7 +16,7 @@ import numpy as np
 
 from identification import Objective
 from plant import Chain, Drive, Dynamics, Encoder, Harmonics, Link, P, Rig, read_robot, simulate
-from plant.parts.figures import colour_of
+from plant.parts import colour_of
 
 PICTURE = Path(__file__).parents[2] / "docs" / "images" / "growth.png"
 JOINTS, SAMPLES, INDIVIDUALS, STEPS = 3, 500, 80, 4

@@ -14,8 +14,7 @@ import numpy as np
 
 from ctc import ComputedTorque, evaluate
 from identification import Objective, design_motion, identify, nearest_physical, pulse_budget
-from identification.replay.gauss_newton import gauss_newton
-from identification.replay.prediction import Prediction
+from identification.replay import Prediction, gauss_newton
 from plant import Body, Dynamics, FrictionCurve, Harmonics, P, puma560, read_robot, simulate
 
 DYNAMICS, RIG, PATH = puma560.dynamics(), puma560.rig(), puma560.reference()

@@ -34,8 +34,7 @@ import numpy as np
 
 from ctc import ComputedTorque
 from identification import identify
-from identification.results.seen import of_prior
-from identification.results.summary import doubts
+from identification.results import doubts, of_prior
 from plant import (
     Chain,
     Drive,
@@ -48,7 +47,7 @@ from plant import (
     p_gains,
     simulate,
 )
-from plant.parts.figures import colour_of
+from plant.parts import colour_of
 
 ARMS = {
     "Panda": ("panda", None, "panda_hand_tcp"),

@@ -27,7 +27,7 @@ from strangers_models import Arm
 
 from identification import Identification, identify
 from plant import Chain, Record, Rig, Table, check_model, puma560, simulate
-from plant.parts.checkpoint import Checkpoint
+from plant.parts import Checkpoint
 
 ODD = [
     None,

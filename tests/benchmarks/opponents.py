@@ -15,13 +15,9 @@ import casadi as ca
 import numpy as np
 
 from identification import Objective
-from identification.replay.objective import squared_error
+from identification.replay import squared_error
 from plant import puma560, simulate
-from plant.simulation.clock import Clock
-from plant.simulation.closed_loop import ClosedLoop
-from plant.simulation.followed_path import path_of, start_of
-from plant.simulation.loop_kernel import LoopKernel
-from plant.simulation.time_tables import time_tables
+from plant.simulation import Clock, ClosedLoop, LoopKernel, path_of, start_of, time_tables
 
 STEPS_PER_SAMPLE = 4
 

@@ -16,7 +16,7 @@ import numpy as np
 
 from ctc import ComputedTorque, ComputedTorquePID, PayloadEstimator
 from identification import identify
-from identification.payload.kernel_estimate import Window
+from identification.payload import Window
 from plant import Body, Elasticity, SteppedArm, puma560, simulate
 
 RIG, PATH = puma560.rig(), puma560.reference()

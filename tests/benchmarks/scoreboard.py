@@ -28,7 +28,7 @@ from simulated_logs import closed_loop, forward, machine
 
 from ctc import ComputedTorque
 from identification import fit_torque, identify
-from identification.equation_error.possible_bodies import with_possible_bodies
+from identification.equation_error import with_possible_bodies
 from plant import Spline, replay, simulate
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "examples"))

@@ -18,8 +18,7 @@ from spoilers import SPOILED, stated
 
 from identification import identify
 from plant import Harmonics, Phase, puma560, simulate
-from plant.checkup.rounding import fix_seen
-from plant.checkup.signals import Signals
+from plant.checkup import Signals, fix_seen
 
 DYNAMICS, PAPER = puma560.dynamics(), puma560.rig()
 _FLOOR = 0.02  # of f's scale: below it a difference is that of two logs

@@ -20,7 +20,7 @@ import public_logs
 from scipy.interpolate import CubicSpline
 
 from identification import fit_torque
-from identification.equation_error.possible_bodies import with_possible_bodies
+from identification.equation_error import with_possible_bodies
 from plant import FrictionCurve, KnownTorque, LoggedTorque, Record, SteppedArm, number, part, replay
 
 # -- EMPS ----------------------------------------------------------------------------------------

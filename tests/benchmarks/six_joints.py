@@ -25,10 +25,9 @@ import pinocchio as pin
 from closed_loops import direct_rig
 from pinocchio_arm import inertia_matrix, pinocchio_model, placement
 
-from identification.replay.objective import squared_error
+from identification.replay import squared_error
 from plant import Body, Chain, Dynamics, Link, Lumping, P
-from plant.simulation.closed_loop import ClosedLoop
-from plant.simulation.loop_kernel import LANES, LoopKernel
+from plant.simulation import LANES, ClosedLoop, LoopKernel
 
 HERE = Path(__file__).parent
 ROWS = ((0, 0, 0), (-1, 0, 0.15), (0, 0.43, -0.1), (1, -0.02, 0.43), (-1, 0, 0), (1, 0, 0))

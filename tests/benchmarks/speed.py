@@ -25,7 +25,7 @@ from opponents import Engine, Experiment, Kernel, all_engines
 
 from identification import Objective, identify
 from plant import puma560, simulate
-from plant.compiler.kernel_cache import AVX512_VARIABLE
+from plant.compiler import AVX512_VARIABLE
 
 ROOT = Path(__file__).parent.parent.parent
 PAGE = ROOT / "docs" / "background" / "speed.md"

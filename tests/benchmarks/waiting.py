@@ -124,7 +124,7 @@ def files(folder, n):
 # -- what is timed -------------------------------------------------------------------------------
 def run(name, folder):
     """The work of a row: a list of (part, processor seconds, seconds on the clock)."""
-    from ctc.commandline.main import main
+    from ctc.commandline import main
 
     if name == "python":
         from identification import identify

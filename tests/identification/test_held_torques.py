@@ -9,7 +9,7 @@ from packaged_arms import elbow_of_a_ur5e
 
 from ctc import ComputedTorque
 from identification import identify
-from identification.replay.prediction import Prediction
+from identification.replay import Prediction
 from plant import (
     PD,
     Body,

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from identification import Objective, RecordError, identify
-from identification.equation_error.naming import each_named
+from identification.equation_error import each_named
 from plant import (
     Chain,
     Dynamics,

@@ -10,7 +10,7 @@ import pytest
 from ctc import ComputedTorque, Uncertainty, certify
 from identification import identify
 from plant import Drive, Rig, puma560, simulate
-from plant.parts.kinds import class_of
+from plant.parts import class_of
 
 
 def with_drive(rig, **changes):

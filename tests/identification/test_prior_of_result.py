@@ -12,7 +12,7 @@ import pytest
 
 from ctc import ComputedTorque, Uncertainty, certify
 from identification import Identification, identify
-from identification.results.seen import combinations_of, origins
+from identification.results import combinations_of, origins
 from plant import Body, Chain, Drive, Dynamics, Encoder, Harmonics, Link, Rig, p_gains, simulate
 from tests.oracles.pinocchio_arm import pinocchio_model
 

@@ -9,7 +9,7 @@ period T, and delta what the model lacks.
 import numpy as np
 from scipy.signal import bilinear_zpk, place_poles
 
-from ctc.laws.observer import DRIFT
+from ctc.laws import DRIFT
 
 
 def tustin(poles):

@@ -12,7 +12,7 @@ import numpy as np
 from closed_loops import SampledP
 
 from plant import Guards, puma560
-from plant.simulation.closed_loop import ClosedLoop
+from plant.simulation import ClosedLoop
 
 RIG, PATH = puma560.rig(), puma560.reference()
 BEGIN, END = 1000, 2000

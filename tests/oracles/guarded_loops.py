@@ -15,7 +15,7 @@ from tuned_laws import GAIN, adaptive, pd
 
 from ctc import ComputedTorque, FeedForward, PDGravity, SlidingMode
 from plant import PID, Cascade, Elasticity, Guards, P, puma560, simulate
-from plant.realtime.memory import Layout
+from plant.realtime import Layout
 
 RIG = puma560.rig()
 LIMIT = RIG.drive.torque_limit()

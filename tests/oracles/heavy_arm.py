@@ -15,7 +15,7 @@ import pinocchio as pin
 from pinocchio_arm import pinocchio_model
 
 from plant import Body, Chain, Drive, Dynamics, Encoder, Harmonics, Link, LoggedTorque, Record, Rig
-from plant.mechanics.body import prior_changes, prior_factor
+from plant.mechanics import prior_changes, prior_factor
 
 SEEN = np.arange(6) < 3
 STIFFNESS = np.array([1.5e6, 2.0e6, 1.2e6, 4e5, 3e5, 2e5])  # [N m/rad]

@@ -17,7 +17,7 @@ import numpy as np
 from ctc import ComputedTorque, Uncertainty, certify
 from identification import GeneticSettings, identify, spread
 from plant import puma560, simulate
-from plant.parts.saved import fingerprint
+from plant.parts import fingerprint
 
 KINDS = ("identify", "spread", "certify")
 

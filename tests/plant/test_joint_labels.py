@@ -11,7 +11,7 @@ from closed_loops import SampledP
 
 from ctc import ComputedTorque
 from plant import Dynamics, Harmonics, P, Record, simulate
-from plant.simulation.logged_run import DivergenceError
+from plant.simulation import DivergenceError
 
 NAMES = tuple(
     f"{name}_joint"

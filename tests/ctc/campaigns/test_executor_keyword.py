@@ -7,7 +7,7 @@ import pytest
 from ctc import ComputedTorque, Uncertainty, certify, learn, tune
 from identification import design_motion, spread
 from plant import puma560, simulate
-from plant.simulation.executors import Executor, mapped
+from plant.simulation import Executor, mapped
 
 ARM, RIG, PATH = puma560.arm(), puma560.rig(), puma560.reference()
 

@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 
 from ctc import Fleet
-from ctc.campaigns.effects import Values, effect_of
+from ctc.campaigns import Values, effect_of
 from identification import fit_torque
 from plant import Record, puma560, read_records, simulate
-from plant.parts.plain import from_plain, to_plain
+from plant.parts import from_plain, to_plain
 
 ARM, RIG, PATH = puma560.arm(), puma560.rig(), puma560.reference()
 LOG = simulate(ARM, RIG, puma560.p_law(), PATH, duration=0.1)

@@ -3,12 +3,12 @@ add up to.
 """
 
 import dataclasses
+import importlib
 
 import numpy as np
 import pytest
 from uncertain import with_uncertainty
 
-import ctc.certification.certify as task
 from ctc import (
     Certificate,
     ComputedTorque,
@@ -20,15 +20,14 @@ from ctc import (
     evaluate,
     tune,
 )  # fmt: skip
-from ctc.certification.certificates import Certificates
-from ctc.certification.certified import clopper_pearson
-from ctc.certification.statement import percent
-from ctc.tuning.search import SearchSettings
-from ctc.tuning.tuning import families
+from ctc.certification import Certificates, clopper_pearson, percent
+from ctc.tuning import SearchSettings, families
 from plant import PD, PointToPoint, puma560, simulate
-from plant.simulation.population import Runs
+from plant.simulation import Runs
 
 ARM, RIG, PATH = puma560.arm(), puma560.rig(), puma560.reference()
+CERTIFY = importlib.import_module("ctc.certification.certify")
+TUNE = importlib.import_module("ctc.tuning.tune")
 LAW = ComputedTorquePID(
     ARM, RIG, bandwidth=150.0, ratio=1.5, integral=40.0, roll_off=1000.0, roll_off_damping=0.8
 )
@@ -69,8 +68,8 @@ def test_rows_are_the_single_calls_to_the_bit(several):
 
 
 def test_the_samples_are_one_set(monkeypatch):
-    drawn, draw = [], task.draw
-    monkeypatch.setattr(task, "draw", lambda *some: drawn.append(some) or draw(*some))
+    drawn, draw = [], CERTIFY.draw
+    monkeypatch.setattr(CERTIFY, "draw", lambda *some: drawn.append(some) or draw(*some))
     certified()
     assert len(drawn) == 1
 
@@ -202,8 +201,8 @@ def test_evaluations_are_the_single_calls():
 
 def test_a_controller_is_tuned_for_all_motions(monkeypatch):
     settings = SearchSettings(rounds=((1, np.inf),), quieter_searches=0, validation_samples=40)
-    monkeypatch.setattr("ctc.tuning.tune.SETTINGS", settings)  # 20 for each of two
-    monkeypatch.setattr("ctc.tuning.tune.families", lambda *some: families(*some)[1:2])
+    monkeypatch.setattr(TUNE, "SETTINGS", settings)  # 20 for each of two
+    monkeypatch.setattr(TUNE, "families", lambda *some: families(*some)[1:2])
     paths = {name: PATHS[name] for name in ("move", "mine")}
     options = with_uncertainty(covariance=COVARIANCE, samples=8, duration=0.1, progress=False)
     tuning = tune(ARM, RIG, paths, **options)

@@ -20,9 +20,7 @@ from uncertain import with_uncertainty
 
 import ctc.certification.reserves
 from ctc import ComputedTorque, Uncertainty, certify, evaluate
-from ctc.certification.certified import clopper_pearson, influences
-from ctc.certification.samples import draw
-from ctc.certification.statement import percent
+from ctc.certification import clopper_pearson, draw, influences, percent
 from identification import identify
 from plant import (
     PD,
@@ -37,9 +35,8 @@ from plant import (
     puma560,
     simulate,
 )
-from plant.machine.motor_inertia import least_inertia_margin
-from plant.simulation import population
-from plant.simulation.loop_kernel import LANES
+from plant.machine import least_inertia_margin
+from plant.simulation import LANES, population
 
 ARM, RIG, PATH = puma560.arm(), puma560.rig(), puma560.reference()
 DYNAMICS, LAW = ARM.dynamics, ComputedTorque(puma560.arm(), puma560.rig(), bandwidth=62)

@@ -10,10 +10,10 @@ import pytest
 from uncertain import with_uncertainty
 
 from ctc import ComputedTorque, Uncertainty, certify, evaluate, margins, sweep_resonance
-from ctc.certification.certified import cells, clopper_pearson
-from ctc.verdict.on_gears import lowest_resonance
+from ctc.certification import cells, clopper_pearson
+from ctc.verdict import lowest_resonance
 from plant import Elasticity, puma560, simulate
-from plant.analysis.sampled_loops import SampledLoops
+from plant.analysis import SampledLoops
 
 ARM, RIG, PATH = puma560.literature_arm(1.5), puma560.rig(), puma560.reference()
 START = PATH([0.0]).q[0]

@@ -8,8 +8,7 @@ from scipy.special import ndtr
 from scipy.stats import ks_2samp
 
 from ctc import ComputedTorque, Uncertainty, certify
-from ctc.certification.rare import Normals, Rare, subset_simulation
-from ctc.certification.samples import draw
+from ctc.certification import Normals, Rare, draw, subset_simulation
 from plant import puma560
 
 LIMIT = 4.753424308822899  # ndtr(-LIMIT) = 1e-6

@@ -8,9 +8,8 @@ import pytest
 from uncertain import with_uncertainty
 
 from ctc import ComputedTorque, Uncertainty, certify, sweep_resonance
+from ctc.certification import draw, refits
 from ctc.certification import identified as fits_on_gears
-from ctc.certification.identified import refits
-from ctc.certification.samples import draw
 from identification import identify
 from plant import Elasticity, puma560, simulate
 

@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 
 from ctc import Uncertainty
-from ctc.commandline.controller_commands import _uncertainty
-from ctc.commandline.main import _parser
+from ctc.commandline import command_parser, stated_uncertainty
 from plant import Part, read_robot, write_robot
 
 STATED = Uncertainty(
@@ -51,21 +50,28 @@ def test_a_misspelt_key_of_a_robot_file_is_refused_with_the_nearest(tmp_path):
 def test_options_of_the_command_line_go_before_the_robot_file(tmp_path):
     path = tmp_path / "arm.toml"
     write_robot(dataclasses.replace(read_robot("paper_puma560"), uncertainty=STATED), path)
-    given = _parser().parse_args(
+    given = command_parser().parse_args(
         ["certify", "found.json", "--robot", str(path), "--lag", "0", "2e-3", "--delay", "1e-4"]
     )
     found = SimpleNamespace(covariance=np.eye(1))
-    assert _uncertainty(given, found) == dataclasses.replace(STATED, lag=(0, 2e-3), delay=1e-4)
-    assert _uncertainty(_parser().parse_args(["tune", "found.json"]), found) == Uncertainty()
+    assert stated_uncertainty(given, found) == dataclasses.replace(
+        STATED, lag=(0, 2e-3), delay=1e-4
+    )
+    assert (
+        stated_uncertainty(command_parser().parse_args(["tune", "found.json"]), found)
+        == Uncertainty()
+    )
     write_robot(read_robot("paper_puma560"), tmp_path / "bare.toml")
-    given = _parser().parse_args(["tune", "found.json", "--robot", str(tmp_path / "bare.toml")])
+    given = command_parser().parse_args(
+        ["tune", "found.json", "--robot", str(tmp_path / "bare.toml")]
+    )
     with pytest.raises(ValueError, match=r"must have a table \[uncertainty\]; it has none"):
-        _uncertainty(given, found)
+        stated_uncertainty(given, found)
 
 
 def test_three_ends_of_a_range_are_refused(capsys):
     with pytest.raises(SystemExit):
-        _parser().parse_args(["certify", "found.json", "--lag", "0", "1", "2"])
+        command_parser().parse_args(["certify", "found.json", "--lag", "0", "1", "2"])
     assert "the two ends of a range; got 3" in capsys.readouterr().err
 
 

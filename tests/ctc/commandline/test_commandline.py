@@ -21,11 +21,9 @@ from model_texts import urdf
 
 import ctc.commandline.commands as commands
 from ctc import Certificate
-from ctc.commandline.inputs import Answer, path_of, records_of
-from ctc.commandline.main import main
-from ctc.commandline.words import in_the_shell
+from ctc.commandline import Answer, in_the_shell, main, path_of, records_of
 from identification import Identification
-from identification.results.summary import SummarySettings, doubts
+from identification.results import SummarySettings, doubts
 from plant import (
     Body,
     Cascade,
@@ -44,8 +42,7 @@ from plant import (
     simulate,
     write_robot,
 )  # fmt: skip
-from plant.models.robot_file import FOLDER
-from plant.models.tables import unit_of
+from plant.models import FOLDER, unit_of
 
 MAPPED = """
 [columns]

@@ -6,8 +6,7 @@ import shutil
 import pytest
 
 from ctc import Fleet
-from ctc.commandline.main import main
-from ctc.commandline.plan import _arguments
+from ctc.commandline import main, typed_arguments
 from identification import Identification
 from plant import puma560, read_robot, simulate
 
@@ -126,7 +125,7 @@ def test_a_plan_from_end_to_end(place, capsys):
 @pytest.mark.parametrize("certified", [False, True])
 def test_a_report_has_the_certificate_if_the_plan_makes_one(certified, tmp_path):
     steps = ["check", "identify", *(["certify"] if certified else []), "report"]
-    arguments = _arguments("report", {"do": steps}, "arm.toml", "log.csv", tmp_path)
+    arguments = typed_arguments("report", {"do": steps}, "arm.toml", "log.csv", tmp_path)
     assert ("--certificate" in arguments) == certified
     assert (str(tmp_path / "certificate.json") in arguments) == certified
 

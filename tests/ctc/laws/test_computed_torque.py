@@ -14,7 +14,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ctc import ComputedTorque, ComputedTorqueSettings, evaluate
-from ctc.laws.observer import DRIFT
+from ctc.laws import DRIFT
 from plant import (
     PD,
     Body,
@@ -30,8 +30,8 @@ from plant import (
     puma560,
     simulate,
 )
-from plant.parts.plain import from_plain
-from plant.simulation.closed_loop import ClosedLoop
+from plant.parts import from_plain
+from plant.simulation import ClosedLoop
 
 RIG = puma560.rig()
 LIMIT = RIG.drive.torque_limit()

@@ -14,12 +14,8 @@ from scipy import signal
 from ctc import ComputedTorquePID, certify, error_loop, evaluate, margins
 from identification import identify
 from plant import Elasticity, PointToPoint, part, puma560, simulate, to_control
-from plant.parts.vector import MODEL_ERROR
-from plant.simulation.clock import Clock
-from plant.simulation.closed_loop import ClosedLoop
-from plant.simulation.followed_path import Path
-from plant.simulation.loop_kernel import LANES, loop_kernel
-from plant.simulation.time_tables import time_tables
+from plant.parts import MODEL_ERROR
+from plant.simulation import LANES, Clock, ClosedLoop, Path, loop_kernel, time_tables
 
 RIG, ARM, PATH = puma560.rig(), puma560.arm(), puma560.reference()
 NAMES = ("bandwidth", "ratio", "integral", "roll_off", "roll_off_damping")

@@ -12,7 +12,7 @@ from scipy.integrate import solve_ivp
 from scipy.linalg import solve_discrete_are
 
 from ctc import ComputedTorque, ComputedTorquePID, FeedForward, evaluate
-from ctc.laws.gear_gains import _joint_gains, _one_joint
+from ctc.laws import joint_gains, one_joint_model
 from plant import (
     PD,
     Drive,
@@ -25,8 +25,8 @@ from plant import (
     puma560,
     simulate,
 )
-from plant.analysis.sampled_loops import SampledLoops
-from plant.parts.plain import from_plain
+from plant.analysis import SampledLoops
+from plant.parts import from_plain
 
 RIG, ARM, PATH = puma560.rig(), puma560.literature_arm(1.5), puma560.reference()
 SOFT = PD(gain=(0.06, 0.045), derivative=(2.4e-4, 1.8e-4), filter=4000.0, period=RIG.period)
@@ -114,9 +114,11 @@ def test_links_of_a_motor_on_its_reference_move_as_scipy_has_them():
 
 def test_gains_of_a_joint_solve_riccati_s_equations():
     """As scipy does, of a joint in SI units: here they are scaled, and doubled."""
-    A, B = (each.full() for each in _one_joint(0.8)(MOTOR, MOTOR + LINK, K, DAMPING, 0.0, 1e-3))
+    A, B = (
+        each.full() for each in one_joint_model(0.8)(MOTOR, MOTOR + LINK, K, DAMPING, 0.0, 1e-3)
+    )
     wc, wo = 50.0, 80.0
-    gains = _joint_gains(A, 2.0 * B, 1e-3, wc, wo)
+    gains = joint_gains(A, 2.0 * B, 1e-3, wc, wo)
     torque = 2.0 * B[:, :1]
     cost = solve_discrete_are(A, torque, np.diag([wc**4, 0, 0, 0]), np.eye(1))
     regulator = np.linalg.solve(1 + torque.T @ cost @ torque, torque.T @ cost @ A).ravel()

@@ -22,8 +22,8 @@ from ctc import (
 )
 from identification import identify
 from plant import PD, PID, Cascade, P, PointToPoint, part, puma560, simulate
-from plant.parts.plain import from_plain
-from plant.simulation.simulator import run
+from plant.parts import from_plain
+from plant.simulation import run
 
 RIG = puma560.rig()
 GAINS = {"gain": (0.2, 0.15), "derivative": (4e-4, 2e-4), "filter": 2000.0, "period": RIG.period}

@@ -12,7 +12,7 @@ import pytest
 
 from ctc import ComputedTorque, evaluate
 from plant import Body, puma560
-from plant.motion.reference import Motion
+from plant.motion import Motion
 
 mujoco = pytest.importorskip(
     "mujoco", reason="MuJoCo, an optional engine for this test alone, is not installed"

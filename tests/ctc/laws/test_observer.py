@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.linalg import expm, solve_continuous_are, solve_discrete_are
 
-from ctc.laws.observer import DRIFT, correct, filter_gains, predict, regulator_gains, triple_pole
+from ctc.laws import DRIFT, correct, filter_gains, predict, regulator_gains, triple_pole
 
 PERIOD = 0.7e-3
 ORDERS = np.arange(3)

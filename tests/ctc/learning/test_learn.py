@@ -7,7 +7,7 @@ import pytest
 from scipy.linalg import expm
 
 from ctc import ComputedTorque, LearnSettings, LearntTorque, certify, evaluate, learn
-from ctc.learning.path_plant import _exponentials, path_plant, standing
+from ctc.learning import exponentials, path_plant, standing
 from plant import PID, Elasticity, Harmonics, P, puma560, simulate
 
 ARM, RIG, PATH = puma560.literature_arm(1.5), puma560.rig(), puma560.reference()
@@ -297,7 +297,7 @@ def test_it_says_itself_on_one_screen(learnt):
 
 def test_exponentials_are_scipy_s():
     matrices = np.random.default_rng(0).normal(size=(3, 6, 6)) * 0.2
-    np.testing.assert_allclose(_exponentials(matrices, 3), expm(matrices), rtol=1e-6, atol=1e-6)
+    np.testing.assert_allclose(exponentials(matrices, 3), expm(matrices), rtol=1e-6, atol=1e-6)
 
 
 def test_settings_shape_what_is_learnt_and_stay(log, learnt):

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from ctc import Adaptive, ComputedTorque, FeedForward, PayloadEstimator
-from identification.payload.kernel_estimate import KERNEL
+from identification.payload import KERNEL
 from plant import PD, Body, Guards, Harmonics, SteppedArm, puma560, read_robot
 
 ARM, RIG, PATH = puma560.arm(), puma560.rig(), puma560.reference()

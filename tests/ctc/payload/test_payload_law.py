@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 
 from ctc import ComputedTorque, ComputedTorquePID
-from ctc.payload.payload_law import PayloadLaw
+from ctc.payload import PayloadLaw
 from plant import PD, Body, Fields, JointSpring, SteppedArm, puma560
-from plant.parts.vector import TORQUE_ERROR
-from plant.simulation.simulator import run
+from plant.parts import TORQUE_ERROR
+from plant.simulation import run
 
 ARM, RIG, PATH = puma560.arm(), puma560.rig(), puma560.reference()
 ONE = Body(mass=1.0, com=(0.0, -0.4, 0.0)).standard_parameters

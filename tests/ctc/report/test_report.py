@@ -13,12 +13,12 @@ import numpy as np
 import pytest
 
 from ctc import ComputedTorque, certify, evaluate, write_report
-from ctc.certification.rare import Rare
-from ctc.report.page import _thin, section
-from ctc.report.page import page as page_of
+from ctc.certification import Rare
+from ctc.report import page as page_of
+from ctc.report import section, thin
 from identification import identify
 from plant import puma560, simulate
-from plant.parts.shown import items, preformatted, table
+from plant.parts import items, preformatted, table
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")
 ARM, RIG, PATH = puma560.literature_arm(1.5), puma560.rig(), puma560.reference()
@@ -309,8 +309,8 @@ def test_a_long_curve_is_drawn_by_its_extremes():
     axis = plt.subplots(figsize=(4, 2))[1]
     (long,) = axis.plot(t, y, drawstyle="steps-post")
     (short,) = axis.plot(t[:100], y[:100])
-    _thin(long, axis)
-    _thin(short, axis)
+    thin(long, axis)
+    thin(short, axis)
     drawn_t, drawn = long.get_data()
     assert (drawn.min(), drawn.max()) == (y.min(), y.max())
     assert (np.diff(drawn_t) > 0).all()

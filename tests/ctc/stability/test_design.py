@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ctc import motor_gain, observer_gains, pid_gains
-from ctc.laws.observer import predict, triple_pole
+from ctc.laws import predict, triple_pole
 from plant import P, linearise, modes, puma560, read_robot
 
 RIG, ARM = puma560.rig(), puma560.arm()

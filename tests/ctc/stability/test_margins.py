@@ -11,10 +11,10 @@ import pytest
 from error_loops import error_loops
 
 from ctc import ComputedTorque, ComputedTorqueSettings, error_loop, margins
-from ctc.stability.margins import opened
+from ctc.stability import opened
 from identification import identify
 from plant import PointToPoint, StatelessLaw, number, part, puma560, simulate, structure
-from plant.analysis.sampled_loops import SampledLoops
+from plant.analysis import SampledLoops
 
 RIG, ARM, POSE = puma560.rig(), puma560.arm(), (0.3, -0.4)
 DT = RIG.period
@@ -211,8 +211,8 @@ def test_an_arm_is_linearised_where_it_hangs():
     = stiffness / it.
     """
     law = Sagging(stiffness=(4e3, 3e3), period=DT)
-    from plant.analysis.sampled_loops import held
-    from plant.machine.rig import smooth_rig
+    from plant.analysis import held
+    from plant.machine import smooth_rig
 
     rig = smooth_rig(RIG)
     q, _, torque, _ = held(ARM, rig, law, law.block(rig), np.array(POSE))

@@ -4,7 +4,7 @@ import dataclasses
 
 import numpy as np
 
-from ctc.tuning.effort_scale import effort_scale
+from ctc.tuning import effort_scale
 from plant import Dynamics, PointToPoint, puma560
 
 RIG = puma560.rig()

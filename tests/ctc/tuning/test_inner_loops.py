@@ -2,16 +2,17 @@
 
 import dataclasses
 import functools
+import importlib
 
 import numpy as np
 import pytest
 from servos import GAIN, arm, dynamics, rig
 
 from ctc import ComputedTorque, Uncertainty, certify, evaluate, tune
-from ctc.tuning.search import SearchSettings
-from ctc.tuning.tuning import families
+from ctc.tuning import SearchSettings, families
 from plant import Elasticity, Encoder, Harmonics, MitDrive, PositionServo
 
+TUNE = importlib.import_module("ctc.tuning.tune")
 ARM = arm()
 ZERO = ((0,), (0,))
 PATH = Harmonics(period=2.0, offset=(0.3, -0.2), cosine=ZERO, sine=((0.2,), (-0.2,)))
@@ -48,8 +49,8 @@ def test_a_weak_joint_counts_like_a_strong_one(monkeypatch):
     few = SearchSettings(
         inner_samples=4, validation_samples=4, rounds=((1, np.inf),), quieter_searches=0
     )
-    monkeypatch.setattr("ctc.tuning.tune.SETTINGS", few)
-    monkeypatch.setattr("ctc.tuning.tune.families", lambda *some: families(*some)[:1])
+    monkeypatch.setattr(TUNE, "SETTINGS", few)
+    monkeypatch.setattr(TUNE, "families", lambda *some: families(*some)[:1])
     options = {"within": 200, "samples": 4, "duration": 0.6, "progress": False}
     inner = {"soft": servo(16), "stiff": servo(64)}
     trials = tune(ARM, rig(), PATH, STATED, inner=inner, **options).inner

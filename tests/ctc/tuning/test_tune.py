@@ -3,6 +3,7 @@ holds.
 """
 
 import dataclasses
+import importlib
 import signal
 from types import SimpleNamespace
 
@@ -11,14 +12,12 @@ import pytest
 from uncertain import with_uncertainty
 
 from ctc import ComputedTorque, ComputedTorqueSettings, Uncertainty, certify, tune
-from ctc.certification.certified import clopper_pearson
-from ctc.certification.samples import draw
-from ctc.tuning.known_gears import KnownGears, _tried, with_known_gears
-from ctc.tuning.search import SearchSettings, Tunings
-from ctc.tuning.tuning import families
+from ctc.certification import clopper_pearson, draw
+from ctc.tuning import KnownGears, SearchSettings, Tunings, best_law, families, with_known_gears
 from plant import puma560, simulate
-from plant.simulation.population import Runs
+from plant.simulation import Runs
 
+TUNE = importlib.import_module("ctc.tuning.tune")
 ARM, RIG, PATH = puma560.literature_arm(1.5), puma560.rig(), puma560.reference()
 START = PATH([0.0]).q[0]
 STATED = {"resonance": (40, 60), "friction": 0.02, "covariance": np.diag((0.003 * ARM.f) ** 2)}
@@ -29,7 +28,7 @@ SHORT = {"duration": 0.4, "samples": 150, "progress": False}
 def tuning():
     with pytest.MonkeyPatch.context() as patch:
         settings = SearchSettings(rounds=((4, np.inf), (2, 1.0)), validation_samples=100)
-        patch.setattr("ctc.tuning.tune.SETTINGS", settings)
+        patch.setattr(TUNE, "SETTINGS", settings)
         return tune(ARM, RIG, PATH, **with_uncertainty(**STATED, **SHORT, seed=1))
 
 
@@ -62,8 +61,8 @@ def test_it_is_the_quietest_of_those_that_hold(tuning):
 
 def test_same_seed_same_law_whatever_the_threads(monkeypatch, tmp_path):
     settings = SearchSettings(rounds=((2, np.inf),), validation_samples=20)
-    monkeypatch.setattr("ctc.tuning.tune.SETTINGS", settings)
-    monkeypatch.setattr("ctc.tuning.tune.families", lambda *some: families(*some)[1:2])
+    monkeypatch.setattr(TUNE, "SETTINGS", settings)
+    monkeypatch.setattr(TUNE, "families", lambda *some: families(*some)[1:2])
     one, two = (
         tune(
             ARM,
@@ -100,7 +99,7 @@ def test_a_search_begins_within_ranges_that_the_period_allows(period):
 @pytest.mark.parametrize("period", [4e-3, 0.04])
 def test_every_controller_of_a_slow_loop_is_one_of_its_ranges(period, monkeypatch):
     few = SearchSettings(rounds=((2, np.inf),), quieter_searches=0, validation_samples=10)
-    monkeypatch.setattr("ctc.tuning.tune.SETTINGS", few)
+    monkeypatch.setattr(TUNE, "SETTINGS", few)
     rig = dataclasses.replace(RIG, period=period)
     stated = Uncertainty(plants=[ARM.f], friction=0.02)
     options = {"within": 300, "samples": 10, "duration": 1.0, "progress": False}
@@ -166,8 +165,8 @@ def test_what_cannot_vary_is_refused_by_its_name(name):
 @pytest.mark.slow
 def test_a_search_varies_what_it_is_told_to(monkeypatch):
     settings = SearchSettings(rounds=((2, np.inf),), quieter_searches=0, validation_samples=10)
-    monkeypatch.setattr("ctc.tuning.tune.SETTINGS", settings)
-    monkeypatch.setattr("ctc.tuning.tune.families", lambda *some: families(*some)[:1])
+    monkeypatch.setattr(TUNE, "SETTINGS", settings)
+    monkeypatch.setattr(TUNE, "families", lambda *some: families(*some)[:1])
     tuning = tune(
         ARM,
         RIG,
@@ -275,8 +274,8 @@ def test_what_may_leave_is_bounded_with_confidence(monkeypatch):
     settings = SearchSettings(
         rounds=((3, np.inf),), validation_samples=100, initial_samples_allowed=10
     )
-    monkeypatch.setattr("ctc.tuning.tune.SETTINGS", settings)
-    monkeypatch.setattr("ctc.tuning.tune.families", lambda *some: families(*some)[1:2])
+    monkeypatch.setattr(TUNE, "SETTINGS", settings)
+    monkeypatch.setattr(TUNE, "families", lambda *some: families(*some)[1:2])
     found = tune(
         ARM, RIG, PATH, **with_uncertainty(**STATED | {"friction": 0.2}, **SHORT, allowed=0.2)
     )
@@ -294,7 +293,7 @@ def test_what_may_leave_is_bounded_with_confidence(monkeypatch):
 
 def test_where_nothing_holds_it_says_so(monkeypatch):
     settings = SearchSettings(rounds=((1, np.inf),), validation_samples=20)
-    monkeypatch.setattr("ctc.tuning.tune.SETTINGS", settings)
+    monkeypatch.setattr(TUNE, "SETTINGS", settings)
     found = tune(
         ARM, RIG, PATH, **with_uncertainty(**STATED | {"friction": 1.0}, **SHORT, within=0.1)
     )
@@ -339,7 +338,7 @@ def test_ctrl_c_gives_the_best_so_far_with_a_certificate_of_few_samples(
         louder=np.inf,
         interrupted_samples=30,
     )
-    monkeypatch.setattr("ctc.tuning.tune.SETTINGS", settings)
+    monkeypatch.setattr(TUNE, "SETTINGS", settings)
     done = []
     original = Tunings.costs
 
@@ -419,7 +418,7 @@ def test_chatter_of_joints_counts_in_shares_of_their_torque(scale, bandwidth):
         return SimpleNamespace(run=lambda threads: runs)
 
     plants = SimpleNamespace(numbers=lambda: ((), np.zeros((1, 0))), under=under)
-    best = _tried(plants, ["low", "high"], [0], 40.0, ((PATH, 0.4),), {}, np.array(scale), 1)
+    best = best_law(plants, ["low", "high"], [0], 40.0, ((PATH, 0.4),), {}, np.array(scale), 1)
     assert best.chatter == tuple(chatters[bandwidth][0])
 
 

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from ctc import ComputedTorque, compare, evaluate
-from ctc.verdict.evaluations import Comparison
+from ctc.verdict import Comparison
 from plant import puma560
-from plant.simulation.logged_run import DivergenceError
+from plant.simulation import DivergenceError
 
 ARM, RIG, PATH = puma560.arm(), puma560.rig(), puma560.reference()
 UNLIMITED = dataclasses.replace(

@@ -11,9 +11,9 @@ import pytest
 from uncertain import with_uncertainty
 
 from ctc import Certificate, ComputedTorque, Uncertainty, certify, compare, evaluate
-from ctc.verdict.on_gears import with_gears
+from ctc.verdict import with_gears
 from identification import identify
-from identification.results.seen import seen
+from identification.results import seen
 from plant import PD, Elasticity, Guards, Harmonics, P, puma560, simulate
 
 ARM, RIG, PATH = puma560.arm(), puma560.rig(), puma560.reference()

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from ctc import ComputedTorque, Evaluation, evaluate
-from ctc.figures.errors import plot_comparison
+from ctc.figures import plot_comparison
 from identification import identify
 from plant import puma560, simulate
 

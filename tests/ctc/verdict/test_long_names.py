@@ -11,8 +11,7 @@ import pytest
 from uncertain import with_uncertainty
 
 from ctc import ComputedTorque, certify, evaluate, margins
-from ctc.verdict.evaluations import Comparison
-from ctc.verdict.on_gears import LowestResonance
+from ctc.verdict import Comparison, LowestResonance
 from plant import Dynamics, Harmonics, p_gains, read_robot
 
 NAMES = (

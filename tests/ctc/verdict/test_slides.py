@@ -4,10 +4,22 @@ import numpy as np
 import pytest
 
 from ctc import ComputedTorque, compare, evaluate
-from ctc.commandline.inputs import records_of
-from plant import Body, Chain, Drive, Dynamics, Encoder, Harmonics, Link, Rig, simulate, write_robot
-from plant.models.robot_file import Robot, read_robot
-from plant.parts.tables import heading, largest, largest_cell, with_units
+from ctc.commandline import records_of
+from plant import (
+    Body,
+    Chain,
+    Drive,
+    Dynamics,
+    Encoder,
+    Harmonics,
+    Link,
+    Rig,
+    Robot,
+    read_robot,
+    simulate,
+    write_robot,
+)
+from plant.parts import heading, largest, largest_cell, with_units
 
 UNITS = ["N m", "N"]
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from identification import fit_torque
-from identification.equation_error.arm_check import FittedArm
+from identification.equation_error import FittedArm
 from plant import Body, Chain, Drive, Dynamics, Encoder, Harmonics, Link, Rig
 
 CHAIN = Chain(

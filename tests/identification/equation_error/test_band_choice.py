@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from identification.equation_error.band_choice import choose_band
-from identification.equation_error.regressor import System
+from identification.equation_error import System, choose_band
 
 ROWS, BANDS, PERIOD = 2000, (10.0, 14.0, 20.0, 28.0, 40.0, 57.0, 80.0), 1e-3
 

@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from identification import fit_torque
-from identification.equation_error.between_runs import _agree, _further, between_runs
-from identification.equation_error.random_effects import restricted
+from identification.equation_error import between_runs, further_logs, restricted, runs_agree
 from plant import Harmonics, puma560, simulate
 
 RUNS, EACH = 6, 40
@@ -82,7 +81,7 @@ def test_runs_that_do_not_differ_agree():
 
 def test_agreement_is_cochrans_test():
     each, std = np.array([[0.0, 0.0], [2.7, 2.9]]), np.ones((2, 2))
-    np.testing.assert_array_equal(_agree(each, std), [True, False])  # 1.96 sqrt(2) = 2.77
+    np.testing.assert_array_equal(runs_agree(each, std), [True, False])  # 1.96 sqrt(2) = 2.77
 
 
 def test_a_variance_that_does_not_follow_is_refused():
@@ -97,8 +96,8 @@ def test_a_variance_that_does_not_follow_is_refused():
 
 def test_what_differs_needs_three_times_as_many_logs_to_halve():
     """Without the gain of Student's quantile: 4 n logs halve; with it fewer, of a few."""
-    assert _further(np.ones(3), np.zeros(3), np.full(3, 1e6), 5) == 15
-    assert _further(np.zeros(3), np.ones(3), np.full(3, 1.0), 2) < 6
+    assert further_logs(np.ones(3), np.zeros(3), np.full(3, 1e6), 5) == 15
+    assert further_logs(np.zeros(3), np.ones(3), np.full(3, 1.0), 2) < 6
 
 
 def test_what_no_further_log_reduces_is_told():

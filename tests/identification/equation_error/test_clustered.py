@@ -4,8 +4,8 @@ the truth.
 
 import numpy as np
 
-from identification.equation_error.least_squares import at_least, group_std, in_groups, run_std
-from plant.parts.sums import products
+from identification.equation_error import at_least, group_std, in_groups, run_std
+from plant.parts import products
 
 
 def test_of_a_mean_it_is_students_interval():

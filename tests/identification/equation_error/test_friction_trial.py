@@ -10,7 +10,7 @@ import pytest
 from coupled_arm import PERIOD, arm_of, path_of, rig_of
 
 from identification import fit_torque
-from identification.equation_error.friction_trial import FrictionTrial, gain
+from identification.equation_error import FrictionTrial, gain
 from plant import FrictionCurve
 
 RIG = rig_of(coulomb=(0.1, 0.08, 0.05), current_limit=(20.0,) * 3)

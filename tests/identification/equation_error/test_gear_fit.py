@@ -8,17 +8,17 @@ import numpy as np
 import pytest
 from elastic_motion import STIFFNESS, experiment
 
-from identification.equation_error.gear_fit import (
-    SETTINGS,
-    _band,
+from identification.equation_error import (
+    GearFitSettings,
+    Known,
     fit_deflection,
     fit_gears,
+    mode_in,
+    record_band,
+    regressor_along,
 )
-from identification.equation_error.prior import Known
-from identification.equation_error.pulse_fit import mode_in
-from identification.equation_error.regressor import regressor_along
 from plant import Elasticity, JointSpring, LoggedTorque, puma560, simulate
-from plant.motion.reference import Motion
+from plant.motion import Motion
 
 
 @pytest.fixture(scope="module")
@@ -122,9 +122,9 @@ def test_bands_are_fixed_where_the_log_replays_its_torque_and_multiples_of_the_o
     record = simulate(
         puma560.arm(), puma560.rig(), puma560.p_law(), puma560.reference(), duration=0.5
     )
-    assert [_band(record, i) for i in range(4)] == [
-        share * mode_in(record) for share in SETTINGS.bands
+    assert [record_band(record, i) for i in range(4)] == [
+        share * mode_in(record) for share in GearFitSettings().bands
     ]
-    assert [_band(dataclasses.replace(record, law=LoggedTorque()), i) for i in range(4)] == list(
-        SETTINGS.replayed_bands
-    )
+    assert [
+        record_band(dataclasses.replace(record, law=LoggedTorque()), i) for i in range(4)
+    ] == list(GearFitSettings().replayed_bands)

@@ -10,9 +10,9 @@ from closed_loops import without_friction
 from mujoco_springs import p_loop
 
 from identification import fit_torque, identify
-from identification.equation_error.regressor import linear
+from identification.equation_error import linear
 from identification.preparation import prepare
-from identification.search.polish import start_of_fit
+from identification.search import start_of_fit
 from plant import CosineTorque, Counterbalance, Harmonics, JointSpring, puma560, simulate
 
 ARM, RIG, PATH, LAW = (

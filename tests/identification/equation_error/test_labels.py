@@ -6,7 +6,8 @@ import numpy as np
 import packaged_arms
 import pytest
 
-from identification.equation_error.naming import RecordError, held_out, units
+from identification import RecordError
+from identification.equation_error import held_out, units
 from plant import Body, Chain, Dynamics, Link, puma560, simulate
 
 POWER = {"kg": 0, "kg m": 1, "kg m²": 2}

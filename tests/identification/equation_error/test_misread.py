@@ -4,9 +4,8 @@ from types import SimpleNamespace
 
 import pytest
 
-from identification.equation_error.naming import misread
-from plant.checkup.finding import Check, Checkup
-from plant.checkup.hypothesis import Cause
+from identification.equation_error import misread
+from plant.checkup import Cause, Check, Checkup
 
 
 @pytest.mark.parametrize(("samples", "lines"), [(1.0, 1), (0.4, 0)])

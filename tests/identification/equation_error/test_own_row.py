@@ -2,8 +2,7 @@
 
 import numpy as np
 
-from identification.equation_error.restated import HYPOTHESES, contradictions
-from identification.equation_error.stated_equation import TorqueEquation
+from identification.equation_error import HYPOTHESES, TorqueEquation, contradictions
 from plant import Harmonics, Hypothesis, puma560, simulate
 
 PATH = Harmonics(

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from identification import Identification, identify, procedure
-from identification.equation_error.own_rows import tried
+from identification.equation_error import ranked_own_rows
 from plant import Hypothesis, puma560, simulate
-from plant.checkup.hypothesis import each_joint
+from plant.checkup import each_joint
 
 RIG = puma560.rig()
 SPRING = 200.0  # [N m/rad]
@@ -49,13 +49,13 @@ def record():
 def test_the_arm_names_what_no_log_shows_without_it(record):
     """Without the law only the equation of motion knows the torque; others are named, left out."""
     lawless = replace(with_spring(record, (), -SPRING), law=None, reference=None)
-    causes, failed = tried(puma560.dynamics(), lawless, OWN)
+    causes, failed = ranked_own_rows(puma560.dynamics(), lawless, OWN)
     assert [(cause.name, cause.size) for cause in causes] == [("spring", SPRING)]
     assert [line.partition(":")[0] for line in failed] == ["nothing", "refused", "broken"]
 
 
 def test_a_right_log_is_not_accused(record):
-    assert tried(puma560.dynamics(), record, OWN[:1]).causes == ()
+    assert ranked_own_rows(puma560.dynamics(), record, OWN[:1]).causes == ()
 
 
 def test_identify_lists_own_causes_first_and_a_file_keeps_them(record, tmp_path):

@@ -6,13 +6,9 @@ import numpy as np
 import pytest
 
 from identification import fit_torque
-from identification.equation_error.possible_bodies import (
-    PointMasses,
-    boxes_of,
-    with_possible_bodies,
-)
+from identification.equation_error import PointMasses, boxes_of, with_possible_bodies
 from plant import Body, Dynamics, puma560, simulate
-from plant.machine.motor_inertia import least_inertia_margin
+from plant.machine import least_inertia_margin
 from tests.oracles.packaged_arms import planar
 
 ARM, RIG = puma560.literature_arm(1.5), puma560.rig()

@@ -8,13 +8,11 @@ import numpy as np
 import pytest
 
 from identification import identify
-from identification.equation_error.prior import Prior, PriorRows
-from identification.equation_error.regressor import System
-from identification.equation_error.torque_fit import weighted
-from identification.replay.gauss_newton import gauss_newton
+from identification.equation_error import Prior, PriorRows, System, weighted
+from identification.replay import gauss_newton
 from plant import Body, Chain, Dynamics, Link, Placement, Rig, puma560, simulate
-from plant.checkup.counts import in_step
-from plant.mechanics.body import from_pseudo_inertia, prior_factor, symmetric_basis
+from plant.checkup import in_step
+from plant.mechanics import from_pseudo_inertia, prior_factor, symmetric_basis
 
 SPREAD = 0.3
 BODY = Body(mass=4.0, com=(0.2, 0.05, -0.1), inertia=(0.05, 0.004, -0.002, 0.06, 0.001, 0.04))

@@ -8,12 +8,14 @@ import pytest
 from packaged_arms import elbow_of_a_ur5e
 from random_rigs import drawn
 
-from identification.equation_error import restatements
-from identification.equation_error.regressor import regressor_along
-from identification.equation_error.restated import contradictions, restated
-from identification.equation_error.stated_equation import TorqueEquation
-from identification.results.alternatives import Sign
-from identification.results.detection import Detection
+from identification.equation_error import (
+    TorqueEquation,
+    contradictions,
+    regressor_along,
+    restated,
+    restatements,
+)
+from identification.results import Detection, Sign
 from plant import (
     PID,
     Body,
@@ -27,7 +29,7 @@ from plant import (
     puma560,
     simulate,
 )
-from plant.motion.reference import Motion
+from plant.motion import Motion
 
 CHAIN = Chain(links=(Link(name="2", alpha=-np.pi / 2), Link(name="3", a=puma560.LINK_LENGTH)))
 DYNAMICS = Dynamics.from_chain(CHAIN)

@@ -10,9 +10,9 @@ import pytest
 from logged_laws import LAWS
 
 from identification import identify
-from identification.equation_error.stated_law import torque_apart
+from identification.equation_error import torque_apart
 from plant import FrictionCurve, LoggedTorque, puma560, simulate
-from plant.checkup.lost_rows import bridged
+from plant.checkup import bridged
 
 ARM, RIG = puma560.literature_arm(1.5), puma560.rig()
 

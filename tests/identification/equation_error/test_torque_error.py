@@ -10,7 +10,7 @@ from scipy.ndimage import gaussian_filter1d
 
 from ctc import ComputedTorque
 from identification import fit_torque, identify, nearest_physical
-from identification.equation_error.bounds import bounded
+from identification.equation_error import bounded
 from plant import Drive, Dynamics, Encoder, Rig, puma560, replay, simulate
 
 SECONDS = 8.0

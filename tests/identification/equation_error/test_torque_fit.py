@@ -9,10 +9,16 @@ import pytest
 from coupled_arm import PERIOD, arm_of, path_of, rig_of
 
 from identification import fit_torque
-from identification.equation_error import torque_fit
-from identification.equation_error.filters import derivatives, low_pass
-from identification.equation_error.least_squares import least_squares
-from identification.equation_error.regressor import Filtering, Places, System, regressor_and_torque
+from identification.equation_error import (
+    Filtering,
+    Places,
+    System,
+    derivatives,
+    least_squares,
+    low_pass,
+    regressor_and_torque,
+    torque_fit,
+)
 from plant import FrictionCurve, puma560, simulate
 
 FRICTION = ("drive.viscous[0]", "drive.coulomb[1]", "drive.coulomb[2]", "drive.curve.offset[2]")

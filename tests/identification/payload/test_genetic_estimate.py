@@ -9,9 +9,7 @@ import pytest
 
 from ctc import ComputedTorque
 from identification import GeneticSettings
-from identification.payload.genetic_estimate import GeneticEstimator
-from identification.payload.kernel_estimate import Window
-from identification.payload.posterior import LoadShape
+from identification.payload import GeneticEstimator, LoadShape, Window
 from plant import Body, puma560, simulate
 
 RIG, PATH, N = puma560.rig(), puma560.reference(), 286

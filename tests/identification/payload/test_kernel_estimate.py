@@ -10,8 +10,7 @@ import pytest
 
 from ctc import ComputedTorque
 from identification import identify
-from identification.payload.kernel_estimate import KernelEstimator, Window, uncertainty
-from identification.payload.posterior import LoadShape
+from identification.payload import KernelEstimator, LoadShape, Window, uncertainty
 from plant import Body, Harmonics, puma560, simulate
 
 RIG, PATH, N = puma560.rig(), puma560.reference(), 286

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from identification import find_load, identify
-from identification.equation_error.least_squares import NotIdentifiableError
-from identification.payload.load_search import LoadSearch
+from identification.equation_error import NotIdentifiableError
+from identification.payload import LoadSearch
 from plant import PID, Body, Harmonics, puma560, simulate
 
 RIG, LAW, PATH, PLACE = puma560.rig(), puma560.p_law(), puma560.reference(), (0.0, -0.55, 0.0)

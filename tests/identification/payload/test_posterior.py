@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from identification.payload.posterior import LoadShape, information, judged, posterior
+from identification.payload import LoadShape, information, judged, posterior
 from plant import puma560
 
 

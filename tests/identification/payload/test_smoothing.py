@@ -5,7 +5,7 @@ simulation.
 import numpy as np
 import pytest
 
-from identification.payload.kernel_estimate import Smoothing
+from identification.payload import Smoothing
 
 SMOOTHING = Smoothing(0.04, 0.7e-3)
 

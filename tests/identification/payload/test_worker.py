@@ -14,9 +14,8 @@ from multiprocessing.connection import Connection
 import numpy as np
 import pytest
 
+from identification.payload import LoadShape, Specification, Worker, shared_worker
 from identification.payload import worker as module
-from identification.payload.posterior import LoadShape
-from identification.payload.worker import Specification, Worker, shared_worker
 from plant import puma560
 
 

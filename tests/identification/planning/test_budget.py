@@ -8,10 +8,9 @@ import numpy as np
 import pytest
 
 from identification import pulse_budget
-from identification.replay.gauss_newton import gauss_newton
-from identification.replay.prediction import Prediction
+from identification.replay import Prediction, gauss_newton
 from plant import PointToPoint, puma560, simulate
-from plant.machine.rig import smooth_rig
+from plant.machine import smooth_rig
 
 ARM, RIG, LAW, PATH = puma560.arm(), puma560.rig(), puma560.p_law((0.1, 0.08)), puma560.reference()
 

@@ -14,7 +14,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from identification import LinkSize, ranges
-from identification.planning.ranges import Interval, centre_range, greatest_inertia
+from identification.planning import Interval, centre_range, greatest_inertia
 from plant import Body, Drive, puma560
 
 ROUNDING = 1e-12

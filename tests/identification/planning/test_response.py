@@ -10,9 +10,9 @@ import pytest
 from scipy.signal import cont2discrete
 
 from identification import design_motion, frequency_response
-from identification.planning.response import FrequencyResponse
+from identification.planning import FrequencyResponse
 from plant import PD, Coupling, Drive, Elasticity, Harmonics, puma560, simulate
-from plant.machine.rig import sliding_rig
+from plant.machine import sliding_rig
 
 ARM, POSE, DT = puma560.arm(), np.array([0.3, -0.4]), 0.0007
 SMOOTH = sliding_rig(puma560.rig())

@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 
 from identification import identify
-from identification.replay.gauss_newton import ended_on_bounds, slopes
+from identification.replay import ended_on_bounds, slopes
 from plant import FrictionCurve, puma560, simulate
 
 BREAKAWAY = ("drive.curve.breakaway[0]", "drive.curve.breakaway[1]")

@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 
 from identification import without_delay
-from identification.replay.extended import Extended
-from identification.replay.prediction import Prediction
-from identification.results.with_arm import NUMBERS
+from identification.replay import Extended, Prediction
+from identification.results import NUMBERS
 from plant import Elasticity, LoggedTorque, puma560, simulate
 
 DYNAMICS, RIG, PATH = puma560.dynamics(), puma560.rig(), puma560.reference()

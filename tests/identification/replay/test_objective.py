@@ -14,7 +14,7 @@ import pytest
 
 from identification import Objective
 from plant import Chain, Dynamics, Harmonics, Link, Lumping, Record, Rig, puma560, simulate
-from plant.simulation.loop_kernel import LANES
+from plant.simulation import LANES
 
 DURATION = 0.35
 NAMES = puma560.dynamics().names

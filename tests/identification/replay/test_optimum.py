@@ -1,19 +1,14 @@
 """Least squares of an extended model: directions, bounds, and what is left beside the unknowns."""
 
+import importlib
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from identification.equation_error.least_squares import along, directions
-from identification.equation_error.prior import PriorRows
-from identification.replay import gauss_newton as gauss_newton_module
-from identification.replay import optimum
-from identification.replay.extended import Extended
-from identification.replay.gauss_newton import gauss_newton
-from identification.replay.optimum import fitted
-from identification.replay.prediction import Prediction
-from identification.results.with_arm import NUMBERS
+from identification.equation_error import PriorRows, along, directions
+from identification.replay import Extended, Prediction, fitted, gauss_newton, optimum
+from identification.results import NUMBERS
 from plant import Harmonics, puma560, read_robot, simulate
 
 DYNAMICS, RIG, PATH = puma560.dynamics(), puma560.rig(), puma560.reference()
@@ -93,7 +88,10 @@ def test_values_stay_within_their_bounds(model):
 def test_directions_are_made_once_per_round(model, monkeypatch):
     """As often as the rates themselves, while no value is at its bound."""
     made = []
-    for module, name in ((gauss_newton_module, "slopes"), (optimum, "directions")):
+    for module, name in (
+        (importlib.import_module("identification.replay.gauss_newton"), "slopes"),
+        (optimum, "directions"),
+    ):
         function = getattr(module, name)
         monkeypatch.setattr(
             module,

@@ -5,8 +5,7 @@ honest refusals.
 import numpy as np
 import pytest
 
-from identification.replay.gauss_newton import DEPENDENT, gauss_newton, slopes
-from identification.replay.prediction import Prediction
+from identification.replay import DEPENDENT, Prediction, gauss_newton, slopes
 from plant import PointToPoint, puma560, simulate
 
 NAMES = puma560.dynamics().names

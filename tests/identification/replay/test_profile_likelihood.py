@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq, minimize_scalar
 
-from identification.replay.gauss_newton import slopes
-from identification.replay.profile_likelihood import Profile
+from identification.replay import Profile, slopes
 
 RANDOM = np.random.default_rng(1)
 A, NOISE = RANDOM.normal(size=(400, 3)), RANDOM.normal(size=400)

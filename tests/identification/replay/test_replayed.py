@@ -10,9 +10,7 @@ import pytest
 
 from ctc import ComputedTorque
 from identification import Objective, identify
-from identification.replay.followed import SETTINGS
-from identification.replay.gauss_newton import DEPENDENT, gauss_newton, reweighed
-from identification.replay.prediction import Prediction
+from identification.replay import DEPENDENT, FollowedSettings, Prediction, gauss_newton, reweighed
 from plant import (
     Chain,
     Drive,
@@ -218,7 +216,7 @@ def test_rows_without_weight_at_the_start_are_a_gap():
     """The replay goes through them without correction, and has drifted where they end."""
     base = log(1)
     valid = np.r_[np.zeros(100), np.ones(len(base) - 100)]
-    settled = 100 + SETTINGS.settling
+    settled = 100 + FollowedSettings().settling
     late = dataclasses.replace(base, valid=valid)
     (followed,) = Prediction(DYNAMICS, [late], UNKNOWN)._followed
     assert not followed.weight[:settled].any()

@@ -7,9 +7,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from identification.replay.gauss_newton import gauss_newton
-from identification.replay.prediction import Prediction
-from identification.replay.resonances import DAMPING, STIFFNESS, Resonances, on_gears
+from identification.replay import DAMPING, STIFFNESS, Prediction, Resonances, gauss_newton, on_gears
 from plant import Elasticity, puma560, simulate
 
 ARM, RIG, PATH = puma560.literature_arm(1.5), puma560.rig(), puma560.reference()

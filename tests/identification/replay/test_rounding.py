@@ -3,17 +3,15 @@ estimates are off alike.
 """
 
 import dataclasses
+import importlib
 
 import numpy as np
 import pytest
 
 from identification import identify
-from identification.replay import experiment
-from identification.replay.gauss_newton import gauss_newton
-from identification.replay.prediction import Prediction
+from identification.replay import Prediction, experiment, gauss_newton
 from identification.search import polish
 from plant import PID, Jitter, Phase, Record, puma560, simulate
-from plant.simulation import loop_kernel
 
 ARM, RIG, PATH = puma560.literature_arm(1.5), puma560.rig(), puma560.reference()
 LAW = puma560.p_law((0.1, 0.08))
@@ -72,7 +70,7 @@ def test_innovations_in_parts_have_the_same_bits(monkeypatch):
     prediction = Prediction(ARM.dynamics, Record(**some, rig=RIG, law=LAW))
     values = [np.append(ARM.f * share, prediction.nuisances) for share in (1.0, 1.01)]
     whole = prediction.all_innovations(values)
-    monkeypatch.setattr(loop_kernel, "_AT_ONCE", 100)
+    monkeypatch.setattr(importlib.import_module("plant.simulation.loop_kernel"), "_AT_ONCE", 100)
     np.testing.assert_array_equal(prediction.all_innovations(values), whole)
     assert np.isfinite(whole).all()
 

@@ -3,11 +3,10 @@
 import numpy as np
 import pytest
 
-from identification.replay.residual import _Batched
-from identification.replay.weak_directions import with_weak_directions
+from identification.replay import Batched, with_weak_directions
 
 
-class Linear(_Batched):
+class Linear(Batched):
     """Innovations A x: their slopes are the columns of A."""
 
     dependent = 1e-4

@@ -3,15 +3,13 @@
 import numpy as np
 import pytest
 
-from identification.replay.gauss_newton import gauss_newton
-from identification.replay.residual import _Batched
-from identification.replay.whole_deviations import over_whole_deviations
+from identification.replay import Batched, gauss_newton, over_whole_deviations
 
 ROWS = 400
 NOISE = 0.3
 
 
-class Rippled(_Batched):
+class Rippled(Batched):
     """Innovations of noise plus A x, and a ripple with x[0] that is small and steep."""
 
     dependent = 1e-4

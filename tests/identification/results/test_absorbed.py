@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from identification import identify, without_delay
-from identification.results.alternatives import Sign
-from identification.results.detection import Detection
+from identification.results import Detection, Sign
 from plant import Chain, Drive, Dynamics, Encoder, Harmonics, Link, P, Rig, puma560, simulate
 
 GEAR = 2 * np.pi / 0.01  # motor angle per travel of the slide [rad/m]

@@ -7,7 +7,7 @@ import pytest
 
 from ctc import certify
 from identification import Tolerances, identify
-from identification.results.assumed import Assumed
+from identification.results import Assumed
 from plant import Dynamics, puma560, simulate
 
 EXACT = {"progress": False, "tolerances": Tolerances.none()}

@@ -14,7 +14,7 @@ from packaged_arms import elbow_of_a_ur5e
 
 from ctc import ComputedTorque, ComputedTorquePID, Uncertainty, certify, tune
 from identification import Identification, IdentificationWarning, identify
-from identification.search.predictive import _exceeded, _run
+from identification.search import exceeded_value, simulated_record
 from plant import Dynamics, Harmonics, P, puma560, simulate
 
 RIG, LAW, PATH = puma560.rig(), puma560.p_law(), puma560.reference()
@@ -273,7 +273,7 @@ def test_a_validation_record_whose_loop_hunts_is_not_blamed_and_one_of_another_a
 def test_one_more_number_exceeds_the_limit_with_the_stated_probability():
     """Of normal logarithms, whatever their mean and standard deviation."""
     draws = np.random.default_rng(0).normal(0.3, 0.2, (20_000, 5))
-    above = [np.exp(row[-1]) > _exceeded(list(row[:-1]), 0.02) for row in draws]
+    above = [np.exp(row[-1]) > exceeded_value(list(row[:-1]), 0.02) for row in draws]
     assert abs(np.mean(above) - 0.02) < 4 * np.sqrt(0.02 * 0.98 / len(draws))
 
 
@@ -283,7 +283,9 @@ def test_a_record_under_another_law_than_the_first_is_run_under_its_own():
     problem = SimpleNamespace(
         unknown=arm.dynamics.names, parts=lambda values: (arm.dynamics.arm(values), RIG, LAW)
     )
-    np.testing.assert_array_equal(_run(problem, arm.f, record).error_pulses, record.error_pulses)
+    np.testing.assert_array_equal(
+        simulated_record(problem, arm.f, record).error_pulses, record.error_pulses
+    )
 
 
 def test_coarse_steps_accuse_no_log_of_fine_encoders():

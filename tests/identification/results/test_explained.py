@@ -7,7 +7,7 @@ import pytest
 from random_rigs import drawn
 
 from identification import identify
-from identification.equation_error.torque_error import torque_error
+from identification.equation_error import torque_error
 from plant import puma560, simulate
 
 

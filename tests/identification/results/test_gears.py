@@ -10,7 +10,7 @@ import pytest
 from heavy_arm import DAMPING, RIG, SEEN, STIFFNESS, arm_of, bodies, other, run
 
 from identification import find_gears, identify
-from identification.equation_error.two_encoders import Deflections, fit_wound
+from identification.equation_error import Deflections, fit_wound
 from plant import Elasticity, LoggedTorque, Record, puma560, simulate
 
 ARM = arm_of(bodies())

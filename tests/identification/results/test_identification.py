@@ -11,12 +11,9 @@ import numpy as np
 import pytest
 
 from identification import fit_torque, identify, pulse_budget
-from identification.equation_error.naming import units as units_of
-from identification.results import plots, summary
-from identification.results.diagnostics import Diagnostics
-from identification.results.plots import INTERVALS
-from identification.results.seen import drifting
-from identification.search.outcome import Fit, Search
+from identification.equation_error import units as units_of
+from identification.results import INTERVALS, Diagnostics, drifting, plots, summary
+from identification.search import Fit, Search
 from plant import Dynamics, LoggedTorque, puma560, simulate
 
 RIG, LAW, PATH = puma560.rig(), puma560.p_law(), puma560.reference()

@@ -8,7 +8,7 @@ from driven_arm import CHAIN, DYNAMICS, LAW, PATH, RIG
 from random_rigs import log_of
 
 from identification import identify
-from identification.equation_error.stated_law import likelier_variant, torque_apart
+from identification.equation_error import likelier_variant, torque_apart
 from plant import Record
 
 # An integral that makes 5 % of the proportional part in a sample.

@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 from identification import Tolerances, identify
-from identification.results.model_error import consider, priors
-from identification.results.seen import by_tolerances, counted
+from identification.results import by_tolerances, consider, counted, priors
 from plant import FrictionCurve, Phase, puma560, simulate
 
 ARM, RIG, PATH = puma560.literature_arm(1.5), puma560.rig(), puma560.reference()

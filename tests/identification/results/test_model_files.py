@@ -12,9 +12,9 @@ import pytest
 
 from ctc import ComputedTorque
 from identification import identify, write_model
-from identification.results.nearest_bodies import Block, nearest_realisation
+from identification.results import Block, nearest_realisation
 from plant import Body, Chain, Coupling, Dynamics, FrictionCurve, Harmonics, P, puma560, simulate
-from plant.mechanics.body import from_pseudo_inertia, pseudo_inertia, symmetric_basis
+from plant.mechanics import from_pseudo_inertia, pseudo_inertia, symmetric_basis
 
 pytest.importorskip("mujoco")
 pytest.importorskip("pinocchio")

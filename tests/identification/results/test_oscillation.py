@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from identification import oscillation
-from identification.results.oscillation import _spans
+from identification.results import mode_spans
 from plant import puma560, simulate
 
 ARM, RIG = puma560.arm(), puma560.rig()
@@ -71,8 +71,8 @@ def test_bad_input_is_refused(record):
 
 def test_a_mode_that_some_poses_lack_is_not_mixed_with_another():
     poses = [np.array([10.0, 30.0]), np.array([34.0]), np.array([9.0, 29.0]), np.empty(0)]
-    assert _spans(poses) == ((9.0, 10.0), (29.0, 34.0))
-    assert _spans([np.empty(0)]) == ()
+    assert mode_spans(poses) == ((9.0, 10.0), (29.0, 34.0))
+    assert mode_spans([np.empty(0)]) == ()
 
 
 def test_an_oscillation_near_the_nyquist_frequency_is_taken_out(record):

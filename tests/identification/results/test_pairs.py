@@ -7,8 +7,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from identification.results.trust import _pairs, pairs_of
-from identification.search.outcome import Fit
+from identification.results import inseparable, pairs_of
+from identification.search import Fit
 
 
 def found(correlation, std=0.1, noise=None):
@@ -28,7 +28,7 @@ def test_many_pairs_are_a_warning_in_one_line(alike, pairs):
     correlation = np.eye(6)
     correlation[:alike, :alike] += 0.999 * (1 - np.eye(alike))
     told = pairs_of(found(correlation))
-    said = list(_pairs(SimpleNamespace(identification=found(correlation))))
+    said = list(inseparable(SimpleNamespace(identification=found(correlation))))
     assert len(told) == pairs
     assert sorted({name for pair in told for name in pair}) == ["f1", "f2", "f3", "f4"][:alike]
     assert len(said) == (alike == 4)

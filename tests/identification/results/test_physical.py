@@ -9,7 +9,7 @@ import pytest
 
 from identification import identify, nearest_physical
 from plant import Dynamics, puma560, simulate
-from plant.mechanics.lumping import STANDARD
+from plant.mechanics import STANDARD
 
 DYNAMICS, RIG = puma560.dynamics(), puma560.rig()
 WIDTH = np.diff(puma560.PRINTED_RANGES, axis=1).ravel()

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from identification import Identification, identify
-from identification.equation_error.stated_law import begun
-from identification.results.plots import repeated
+from identification.equation_error import begun
+from identification.results import repeated
 from plant import PID, LoggedTorque, Resumed, puma560, replay, simulate
 
 ARM, PATH = puma560.literature_arm(1.5), puma560.reference()

@@ -12,7 +12,7 @@ import pytest
 from packaged_arms import elbow_of_a_ur5e
 
 from identification import GeneticSettings, Tolerances, identify
-from identification.replay.extended import joint_of
+from identification.replay import joint_of
 from identification.results import stepwise
 from plant import (
     PD,

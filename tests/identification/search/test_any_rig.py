@@ -10,7 +10,7 @@ from random_arms import random_chain
 from random_rigs import bodies_of, drawn
 
 from identification import identify
-from identification.equation_error.stated_law import begun
+from identification.equation_error import begun
 from plant import Dynamics, replay
 
 

@@ -6,9 +6,8 @@ import numpy as np
 from driven_arm import CHAIN, DYNAMICS, LAW, PATH, RIG, TRUE
 from random_rigs import log_of
 
-from identification.replay.gauss_newton import gauss_newton
-from identification.replay.prediction import Prediction
-from identification.search.polish import from_inside
+from identification.replay import Prediction, gauss_newton
+from identification.search import from_inside
 from plant import LoggedTorque
 
 

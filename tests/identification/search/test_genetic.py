@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from identification import GeneticSettings, minimize_genetic
-from identification.search.genetic import (
+from identification.search import (
     crossover,
     decode,
     encode,

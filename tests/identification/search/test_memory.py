@@ -10,10 +10,10 @@ import pytest
 
 from ctc import ComputedTorque
 from identification import identify
-from identification.equation_error.law_memory import at_work, reading
+from identification.equation_error import at_work, reading
 from plant import PD, PID, Cascade, Record, Resumed, puma560, simulate
-from plant.laws.resumed import AlongLog
-from plant.simulation.law_run import run_law
+from plant.laws import AlongLog
+from plant.simulation import run_law
 
 ARM, RIG, PATH = puma560.literature_arm(1.5), puma560.rig(), puma560.reference()
 T, WIDTH = RIG.period, np.ptp(puma560.PRINTED_RANGES, axis=1)

@@ -12,13 +12,9 @@ import pytest
 
 from ctc import ComputedTorque, evaluate
 from identification import GeneticSettings, Objective, identify
-from identification.equation_error.pulse_fit import equation_error, mode_in, pass_band
-from identification.equation_error.torque_logs import torque_of
-from identification.results.detection import Detection
-from identification.results.plots import INTERVALS
-from identification.results.summary import verdict_of
-from identification.search import methods, polish
-from identification.search.methods import _root
+from identification.equation_error import equation_error, mode_in, pass_band, torque_of
+from identification.results import INTERVALS, Detection, verdict_of
+from identification.search import methods, polish, triangular_root
 from plant import (
     Body,
     Chain,
@@ -412,7 +408,7 @@ def test_coarse_encoder_is_enough_for_one_of_its_pulses():
 # -- arms nearby ---------------------------------------------------------------------------------
 def test_the_root_of_a_covariance_is_its_factor_and_leaves_what_does_not_vary():
     rows = np.random.default_rng(0).normal(size=(9, 5)) * (1, 1, 0, 1, 1)
-    root = _root(rows.T @ rows)
+    root = triangular_root(rows.T @ rows)
     np.testing.assert_allclose(root @ root.T, rows.T @ rows, rtol=1e-12, atol=1e-12)
     np.testing.assert_array_equal(np.triu(root, 1), 0)
 

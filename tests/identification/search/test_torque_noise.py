@@ -9,11 +9,16 @@ from driven_arm import CHAIN, DYNAMICS, LAW, PATH, RIG, TRUE
 from random_rigs import log_of
 
 from identification import identify
-from identification.equation_error.law_memory import FADED, along_log
-from identification.equation_error.stated_law import noise_of_torque, told_by_torque
-from identification.equation_error.torque_noise import independent_noise, white_noise
+from identification.equation_error import (
+    FADED,
+    along_log,
+    independent_noise,
+    noise_of_torque,
+    told_by_torque,
+    white_noise,
+)
 from plant import LoggedCurrent
-from plant.simulation.law_run import run_law
+from plant.simulation import run_law
 
 NOISE = 0.03  # of the current [A]: 0.3 % of its range
 

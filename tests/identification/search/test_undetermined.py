@@ -8,8 +8,7 @@ import pytest
 from random_rigs import drawn
 
 from identification import identify
-from identification.search.outcome import Fit, Outcome
-from identification.search.polish import _with_undetermined
+from identification.search import Fit, Outcome, with_undetermined
 from plant import (
     PID,
     Cascade,
@@ -190,6 +189,6 @@ def test_unknowns_that_turn_with_several_directions_are_named_once():
     directions = np.array([[1.0, -1, 1, 0], [2.0, -1, 0, 1], [1e-9, 0, 0, 1]])
     solution = SimpleNamespace(undetermined=directions)
     prediction = SimpleNamespace(widest=lambda direction: direction)
-    fit = _with_undetermined(Outcome(fit=fit), prediction, solution).fit
+    fit = with_undetermined(Outcome(fit=fit), prediction, solution).fit
     assert fit.undetermined == (("m", "J"),)
     np.testing.assert_allclose(fit.covariance, [[5, -3], [-3, 2]], rtol=1e-5)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from plant import PD, Encoder, PointToPoint, cascade_gains, p_gains, puma560, simulate
-from plant.analysis.sampled_loops import SampledLoops
+from plant.analysis import SampledLoops
 
 ARM, RIG, PATH = puma560.arm(), puma560.rig(), puma560.reference()
 

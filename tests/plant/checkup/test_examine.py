@@ -16,7 +16,7 @@ from packaged_arms import elbow_of_a_ur5e, planar
 
 from ctc import ComputedTorque
 from identification import design_motion
-from identification.equation_error.excitation import still
+from identification.equation_error import still
 from plant import (
     PID,
     Cascade,
@@ -36,8 +36,7 @@ from plant import (
     replay,
     simulate,
 )
-from plant.checkup.finding import Check, Checkup
-from plant.checkup.quantisation import comb
+from plant.checkup import Check, Checkup, comb
 
 ARM, RIG, LAW, PATH = puma560.arm(), puma560.rig(), puma560.p_law(), puma560.reference()
 

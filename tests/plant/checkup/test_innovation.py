@@ -6,9 +6,7 @@ import numpy as np
 import pytest
 
 from plant import Drive, Encoder, Harmonics, LoggedTorque, Record, Rig, read_robot, simulate
-from plant.checkup.innovation import acceleration, longest_line
-from plant.checkup.signals import Signals
-from plant.checkup.stamps import time_findings
+from plant.checkup import Signals, acceleration, longest_line, time_findings
 
 TURN = 2 * np.pi
 

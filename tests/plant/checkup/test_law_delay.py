@@ -10,11 +10,8 @@ import numpy as np
 import pytest
 
 from ctc import ComputedTorque, ComputedTorquePID
-from plant import PD, PID, Cascade, Elasticity, Harmonics, Resumed, puma560, simulate
-from plant.checkup.examine import late_counts
-from plant.checkup.hypothesis import Hypothesis
-from plant.checkup.score import Experiment
-from plant.checkup.trials import Trials
+from plant import PD, PID, Cascade, Elasticity, Harmonics, Hypothesis, Resumed, puma560, simulate
+from plant.checkup import Experiment, Trials, late_counts
 
 ARM, RIG = puma560.arm(), puma560.rig()
 PATH = Harmonics(

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.optimize import lsq_linear
 
-from plant.checkup.motor_equation import Equation, Motion
+from plant.checkup import Equation, Motion
 
 
 @pytest.mark.parametrize("seed", range(20))

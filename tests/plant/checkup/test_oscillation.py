@@ -21,8 +21,8 @@ from plant import (
     puma560,
     simulate,
 )
-from plant.analysis.sampled_loops import SampledLoops
-from plant.checkup.oscillation import own_oscillations
+from plant.analysis import SampledLoops
+from plant.checkup import own_oscillations
 
 ARM, RIG, PATH = puma560.literature_arm(1.5), puma560.rig(), puma560.reference()
 START = PATH([0.0]).q[0]

@@ -12,15 +12,16 @@ from plant import (
     Drive,
     Dynamics,
     Encoder,
+    Hypothesis,
     Record,
     Rig,
     simulate,
 )
-from plant.checkup.hypothesis import Hypothesis, each_joint
-from plant.checkup.score import Experiment
-from plant.checkup.trials import Trials
-from plant.checkup.undo import (
+from plant.checkup import (
+    Experiment,
+    Trials,
     counts_in_time,
+    each_joint,
     exchanged_torques,
     turned_reference,
     turned_torque,

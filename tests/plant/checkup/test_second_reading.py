@@ -10,10 +10,8 @@ import pytest
 
 from identification import Objective
 from plant import Encoder, Harmonics, Phase, PointToPoint, Record, puma560, simulate
-from plant.checkup.lost_rows import bridged, lost_rows, short_gaps
-from plant.checkup.rounding import fix_seen
-from plant.checkup.signals import Signals
-from plant.simulation.followed_path import path_of
+from plant.checkup import Signals, bridged, fix_seen, lost_rows, short_gaps
+from plant.simulation import path_of
 
 PATH = Harmonics(
     period=3.0,

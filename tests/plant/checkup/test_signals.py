@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from plant import puma560, simulate
-from plant.checkup.counts import hardly_asked
-from plant.checkup.signals import Signals
+from plant.checkup import Signals, hardly_asked
 
 
 @pytest.mark.parametrize("duration", [0.1, 0.35, 0.5])

@@ -19,8 +19,7 @@ from plant import (
     read_robot,
     simulate,
 )
-from plant.checkup import score, undo
-from plant.checkup.hypothesis import Cause, Rival, each_joint
+from plant.checkup import Cause, Rival, each_joint, score, undo
 
 RIG = puma560.rig()
 PATH = Harmonics(

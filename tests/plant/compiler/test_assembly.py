@@ -8,10 +8,9 @@ import numpy as np
 import pytest
 from numba.core.registry import cpu_target
 
-from identification.replay.objective import squared_error
+from identification.replay import squared_error
 from plant import P, puma560
-from plant.simulation.closed_loop import ClosedLoop
-from plant.simulation.loop_kernel import LANES, LoopKernel
+from plant.simulation import LANES, ClosedLoop, LoopKernel
 
 FEATURES = cpu_target.target_context.codegen().magic_tuple()[2].split(",")
 VECTOR = "zmm" if "+avx512f" in FEATURES else "ymm"

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from plant.compiler.background import in_background, shared_out
+from plant.compiler import in_background, shared_out
 
 pytestmark = pytest.mark.skipif(os.name == "nt", reason="signals of POSIX")
 

@@ -7,8 +7,7 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from plant.compiler.c_statements import comment, statements
-from plant.compiler.instructions import STATE, TIME, UNIFORM
+from plant.compiler import STATE, TIME, UNIFORM, comment, statements
 
 
 def test_statements_have_the_values_of_the_function():

@@ -2,6 +2,7 @@
 JIT switched off.
 """
 
+import importlib
 import os
 import resource
 import subprocess
@@ -12,12 +13,11 @@ import numba
 import pytest
 
 import plant.compiler.kernel_cache
-from plant.compiler import cache_folder
-from plant.compiler.cache_folder import CACHE_VARIABLE, prune
-from plant.compiler.kernel_cache import Kernel
+from plant.compiler import CACHE_VARIABLE, Kernel, prune
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="limits and owners of POSIX")
 
+FOLDER = importlib.import_module("plant.compiler.cache_folder")
 TEMPLATE = """import numba
 
 
@@ -112,10 +112,10 @@ def test_the_kernels_that_were_not_used_for_longest_go_first(folder, monkeypatch
             os.utime(file, (i, i))
     called(monkeypatch, "3.0")  # used again
     each = sum(file.stat().st_size for file in folder.rglob(f"*{kernels[0].hash}*"))
-    monkeypatch.setattr(cache_folder, "MOST", int(2.5 * each))
+    monkeypatch.setattr(FOLDER, "MOST", int(2.5 * each))
     prune(folder, kernels[2].hash)
     assert [called(monkeypatch, f"{i}.0")[1] for i in (3, 5, 4)] == [True, True, False]
-    monkeypatch.setattr(cache_folder, "MOST", 0)
+    monkeypatch.setattr(FOLDER, "MOST", 0)
     called(monkeypatch, "6.0")
     assert len({file.name[:31] for file in folder.glob("kernel_*")}) == 1
 

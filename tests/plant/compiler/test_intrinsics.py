@@ -5,8 +5,7 @@ import re
 
 import pytest
 
-from plant.compiler import llvm
-from plant.compiler.intrinsics import MODULES, head, joined
+from plant.compiler import MODULES, head, joined, llvm
 
 CONSTANT = "import math\n\nSTEP = 0.1\n\n\ndef half():\n    return STEP / 2\n"
 

@@ -17,8 +17,7 @@ import numpy as np
 import pytest
 
 import plant.compiler.kernel_cache
-from plant.compiler.cache_folder import CACHE_VARIABLE, cache_folder
-from plant.compiler.kernel_cache import Kernel
+from plant.compiler import CACHE_VARIABLE, Kernel, cache_folder
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="forks processes and sets file modes")
 

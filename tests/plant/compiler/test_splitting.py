@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from plant.compiler.translate import Line, cut
+from plant.compiler import Line, cut
 
 
 def executed(pieces, work):

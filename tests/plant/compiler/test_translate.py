@@ -11,11 +11,22 @@ import mpmath
 import numpy as np
 import pytest
 
-from plant.compiler.instructions import LANE, STATE, TIME, UNIFORM
-from plant.compiler.intrinsics import MapKernel, head, intrinsic
-from plant.compiler.kernel_cache import Kernel
-from plant.compiler.llvm import COSINE, OPERATIONS, SINE, STEPS
-from plant.compiler.translate import Names, translate
+from plant.compiler import (
+    COSINE,
+    LANE,
+    OPERATIONS,
+    SINE,
+    STATE,
+    STEPS,
+    TIME,
+    UNIFORM,
+    Kernel,
+    MapKernel,
+    Names,
+    head,
+    intrinsic,
+    translate,
+)
 
 EPS = np.finfo(float).eps
 

@@ -13,8 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from plant.compiler.cache_folder import CACHE_VARIABLE
-from plant.compiler.kernel_cache import AVX512_VARIABLE
+from plant.compiler import AVX512_VARIABLE, CACHE_VARIABLE
 
 ROOT = Path(__file__).resolve().parents[3]
 

@@ -28,7 +28,7 @@ from plant import (
     to_fmu,
     write_replay,
 )  # fmt: skip
-from plant.fmu.model import named_joints
+from plant.fmu import named_joints
 
 fmpy = pytest.importorskip("fmpy", reason="needs fmpy, of the extra test")
 fmi2, fmi3 = pytest.importorskip("fmpy.fmi2"), pytest.importorskip("fmpy.fmi3")

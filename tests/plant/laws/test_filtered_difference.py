@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from plant.laws.terms import SMOOTHED, filtered_difference
+from plant.laws import SMOOTHED, filtered_difference
 
 
 def rates(signal, pole, dt):

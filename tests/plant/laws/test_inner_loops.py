@@ -27,7 +27,7 @@ from plant import (
     to_control,
     to_fmu,
 )
-from plant.analysis.sampled_loops import SampledLoops
+from plant.analysis import SampledLoops
 
 ARM = arm()
 STILL = PointToPoint(start=(0.3, 0.2), goal=(0.3, 0.2), duration=1.0)

@@ -8,7 +8,7 @@ import pytest
 from closed_loops import Filtered, NoTorque
 
 from plant import Fields, Law, Resumed, StatelessLaw, part, per_joint, puma560, scalars, simulate
-from plant.parts.vector import TORQUE_ERROR
+from plant.parts import TORQUE_ERROR
 
 ARM, RIG, PATH = puma560.arm(), puma560.rig(), puma560.reference()
 LAW = Filtered(gain=(8.0, 6.0), rate=40.0, period=RIG.period)

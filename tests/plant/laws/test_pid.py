@@ -15,9 +15,8 @@ from closed_loops import direct_rig, joint
 from scipy.linalg import expm
 
 from plant import PD, PID, Cascade, PointToPoint, Record, puma560, simulate
-from plant.parts.plain import from_plain
-from plant.simulation.closed_loop import ClosedLoop
-from plant.simulation.simulator import run
+from plant.parts import from_plain
+from plant.simulation import ClosedLoop, run
 
 INERTIA, VISCOUS, START = 2.0, 3.0, 0.01
 RIG = direct_rig((0.0,), (VISCOUS,), period=1e-3)

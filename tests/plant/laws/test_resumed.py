@@ -9,9 +9,8 @@ import pytest
 
 from ctc import ComputedTorque, FeedForward
 from plant import PD, PID, Cascade, Resumed, puma560, replay, simulate
-from plant.laws.resumed import AlongLog
-from plant.laws.terms import difference, readings
-from plant.simulation.law_run import run_law
+from plant.laws import AlongLog, difference, readings
+from plant.simulation import run_law
 
 ARM, RIG, PATH = puma560.literature_arm(1.5), puma560.rig(), puma560.reference()
 T = RIG.period

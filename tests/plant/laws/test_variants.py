@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from plant import PD, PID, Cascade, Drive, Encoder, Rig
-from plant.laws.terms import ANTI_WINDUP, INTEGRATION
+from plant.laws import ANTI_WINDUP, INTEGRATION
 
 T = 1e-3
 LIMIT = 3.0

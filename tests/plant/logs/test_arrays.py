@@ -9,7 +9,7 @@ import scipy.io
 from spoilt_files import WarmChildren, opaque, refused
 
 from plant import Drive, Encoder, Record, Rig, read_table
-from plant.logs.logfile import read_file
+from plant.logs import read_file
 
 N, n = 240, 3
 T = 8e-4 * np.arange(N)

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from plant import LoadError, read_table
-from plant.logs.clock_times import is_instant, nanoseconds
+from plant.logs import is_instant, nanoseconds
 
 DAYS = st.datetimes(datetime.datetime(1970, 1, 1), datetime.datetime(2200, 1, 1))
 FORMATS = (

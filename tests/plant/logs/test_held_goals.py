@@ -20,7 +20,7 @@ from plant import (
     Spline,
     simulate,
 )
-from plant.checkup.lost_rows import lost_rows
+from plant.checkup import lost_rows
 
 SERVO = PositionServo(gain=GAIN)
 WIDE = Harmonics(

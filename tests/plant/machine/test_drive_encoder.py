@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from plant import Drive, Encoder, Rig, puma560
-from plant.machine.encoder import fix
+from plant.machine import fix
 
 RIG = puma560.rig()
 DRIVE = RIG.drive

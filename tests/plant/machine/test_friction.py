@@ -10,8 +10,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from plant.machine.friction import REGULARISATION, friction_impulse, smooth_impulse
-from plant.mechanics.symmetric_inverse import inverse
+from plant.machine import REGULARISATION, friction_impulse, smooth_impulse
+from plant.mechanics import inverse
 
 
 def impulse_function(n, sweeps):

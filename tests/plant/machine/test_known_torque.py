@@ -28,10 +28,9 @@ from plant import (
     simulate,
     to_control,
 )
-from plant.analysis.sampled_loops import SampledLoops, held
-from plant.parts.plain import from_plain
-from plant.simulation.closed_loop import ClosedLoop
-from plant.simulation.loop_kernel import Structure
+from plant.analysis import SampledLoops, held
+from plant.parts import from_plain
+from plant.simulation import ClosedLoop, Structure
 
 ARM, RIG, PATH = puma560.literature_arm(1.5), puma560.rig(), puma560.reference()
 PERIOD = 0.7e-3

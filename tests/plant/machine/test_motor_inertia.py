@@ -5,7 +5,7 @@ import pytest
 from random_arms import random_arm
 
 from plant import Coupling, puma560
-from plant.machine.motor_inertia import LEAST_MOTOR_INERTIA, least_inertia_margin, require_inertia
+from plant.machine import LEAST_MOTOR_INERTIA, least_inertia_margin, require_inertia
 
 DYNAMICS, RIG = puma560.dynamics(), puma560.rig()
 LEAST = LEAST_MOTOR_INERTIA * RIG.drive.motor_inertia * RIG.drive.gear**2

@@ -12,9 +12,9 @@ from closed_loops import Constant, NoTorque, direct_rig, joint
 
 from ctc import ComputedTorque
 from plant import FrictionCurve, P, PointToPoint, Presliding, puma560, simulate
-from plant.machine.friction import Bristles, smooth_bristle_impulse
-from plant.mechanics.symmetric_inverse import inverse
-from plant.simulation.closed_loop import ClosedLoop
+from plant.machine import Bristles, smooth_bristle_impulse
+from plant.mechanics import inverse
+from plant.simulation import ClosedLoop
 
 INERTIA, LEVEL, DISTANCE = 2.0, 0.5, 0.01
 STIFFNESS = LEVEL / DISTANCE

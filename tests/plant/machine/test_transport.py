@@ -26,7 +26,7 @@ from plant import (
     structure,
     to_control,
 )
-from plant.parts.plain import from_plain
+from plant.parts import from_plain
 
 RIG, PERIOD = puma560.rig(), puma560.rig().period
 SMOOTH = dataclasses.replace(RIG.drive, viscous=(0, 0), coulomb=(0, 0))

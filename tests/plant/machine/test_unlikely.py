@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from plant import Harmonics, puma560, simulate
-from plant.machine.unlikely import unlikely_statements
+from plant.machine import unlikely_statements
 
 ARM, RIG, LAW, PATH = puma560.arm(), puma560.rig(), puma560.p_law(), puma560.reference()
 

@@ -9,8 +9,7 @@ from packaged_arms import puma560 as whole_puma560
 from random_arms import random_body, random_chain
 
 from plant import Chain, Dynamics, Harmonics, Link, Lumping, puma560, visibility
-from plant.mechanics.base_parameters import base_lumping
-from plant.mechanics.lumping import STANDARD, standard_parameters
+from plant.mechanics import STANDARD, base_lumping, standard_parameters
 
 
 def links_2_and_3():

@@ -298,7 +298,7 @@ def test_infinite_limits(tmp_path):
 )
 def test_any_declared_encoding(tmp_path, encoding):
     """And edits are written in it: all other characters stay."""
-    from plant.mechanics.xml_file import parsed, spliced
+    from plant.mechanics import parsed, spliced
 
     word = {"gb2312": "机器人", "shift_jis": "ロボット", "euc-kr": "로봇"}.get(encoding, "Gerät")
     text = urdf(tmp_path).read_text()
@@ -325,7 +325,7 @@ def test_an_encoding_that_a_file_does_not_have(tmp_path):
 
 def test_a_file_whose_bytes_tell_another_encoding_is_read_but_not_written(tmp_path):
     """UTF-16 is known by its first bytes; the name that it declares is needed to write it."""
-    from plant.mechanics.xml_file import parsed, spliced
+    from plant.mechanics import parsed, spliced
 
     path = tmp_path / "coded.urdf"
     for name in ("klingon", "hex"):
@@ -339,7 +339,7 @@ def test_a_file_whose_bytes_tell_another_encoding_is_read_but_not_written(tmp_pa
 
 def test_new_text_in_a_file_of_ascii_is_ascii(tmp_path):
     """Its own bytes stay, although they are UTF-8 under a declaration of ASCII."""
-    from plant.mechanics.xml_file import parsed, spliced
+    from plant.mechanics import parsed, spliced
 
     path = tmp_path / "coded.urdf"
     for comment in ("", "<!-- Gerät -->"):
@@ -357,8 +357,8 @@ def test_new_text_in_a_file_of_ascii_is_ascii(tmp_path):
 
 @pytest.mark.parametrize("empty", ["<inertial/>", "<inertial></inertial>", "<inertial />"])
 def test_an_empty_inertial_is_filled(tmp_path, empty):
-    from plant.mechanics.xml_file import parsed, spliced
-    from plant.models.edits import urdf_inertial
+    from plant.mechanics import parsed, spliced
+    from plant.models import urdf_inertial
 
     path = tmp_path / "arm.urdf"
     path.write_text(f'<robot name="r"><link name="a">{empty}</link></robot>')
@@ -372,7 +372,7 @@ def test_an_empty_inertial_is_filled(tmp_path, empty):
 
 def test_two_edits_of_the_same_bytes_are_refused(tmp_path):
     """Both children of an empty element would close it."""
-    from plant.mechanics.xml_file import parsed, spliced
+    from plant.mechanics import parsed, spliced
 
     path = tmp_path / "arm.urdf"
     path.write_text('<robot name="r"/>')

@@ -9,8 +9,7 @@ from packaged_arms import planar
 from random_arms import random_body, random_chain, random_placement
 
 from plant import Body, Chain, Dynamics, Link, Lumping, Placement
-from plant.mechanics.placement import turn
-from plant.mechanics.symmetric_inverse import inverse
+from plant.mechanics import inverse, turn
 
 pin = pytest.importorskip("pinocchio")
 

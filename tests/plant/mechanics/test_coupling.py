@@ -32,8 +32,8 @@ from plant import (
     p_gains,
     simulate,
 )
-from plant.machine.motor_inertia import least_inertia_margin
-from plant.parts.plain import from_plain
+from plant.machine import least_inertia_margin
+from plant.parts import from_plain
 from plant.simulation import followed_path
 
 MATRIX = ((1.0, 0.0, 0.0), (0.4, 1.0, 0.0), (0.3, -0.7, 1.0))

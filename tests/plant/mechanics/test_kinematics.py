@@ -12,8 +12,7 @@ from packaged_arms import puma560 as whole_puma560
 from pinocchio_arm import pinocchio_model
 
 from plant import Body, Chain, Dynamics, Link, Placement, puma560
-from plant.mechanics.newton_euler import joint_positions
-from plant.mechanics.placement import axis_frame
+from plant.mechanics import axis_frame, joint_positions
 
 PLACED = Placement.of_angles(0.3, -0.5, 0.7, (0.1, -0.2, 0.3))
 CHAINS = {

@@ -11,8 +11,7 @@ from packaged_arms import puma560 as whole_puma560
 from random_arms import random_body, random_chain
 
 from plant import Body, Dynamics, puma560
-from plant.mechanics.body import prior_factor, pseudo_inertia
-from plant.mechanics.lumping import LOAD
+from plant.mechanics import LOAD, prior_factor, pseudo_inertia
 
 
 def test_the_increments_are_those_of_equation_3():

@@ -4,7 +4,7 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from plant.mechanics.symmetric_inverse import eliminated, inverse
+from plant.mechanics import eliminated, inverse
 
 
 def evaluated(matrix, right):

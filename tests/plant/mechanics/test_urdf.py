@@ -9,7 +9,7 @@ from hypothesis import given as drawn
 from hypothesis import strategies as st
 
 from plant import Chain, Drive, Dynamics, Placement
-from plant.mechanics.placement import righted
+from plant.mechanics import righted
 
 pin = pytest.importorskip("pinocchio")
 from model_texts import urdf  # noqa: E402

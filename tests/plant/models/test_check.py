@@ -12,9 +12,7 @@ import pytest
 from model_texts import urdf
 
 from plant import Chain, check_model
-from plant.models.agreement import CheckedLink, Links, cost_of, zero
-from plant.models.hypotheses import Inertial
-from plant.models.robot_file import FOLDER
+from plant.models import FOLDER, CheckedLink, Inertial, Links, cost_of, zero
 
 _SPEC = importlib.util.spec_from_file_location(
     "broken_models", Path(__file__).parents[2] / "benchmarks" / "broken_models.py"

@@ -34,8 +34,7 @@ from plant import (
     read_robot,
     write_robot,
 )
-from plant.models.robot_file import FOLDER
-from plant.models.tables import toml_lines, unit_of
+from plant.models import FOLDER, toml_lines, unit_of
 
 COLUMNS = {"t": "time", "position": ("q 1", "q 2")}
 UNITS = {"t": "s", "position": "rad"}

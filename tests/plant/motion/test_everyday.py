@@ -13,7 +13,7 @@ from packaged_arms import planar, puma560_rig
 from packaged_arms import puma560 as whole_puma560
 
 from plant import Dynamics, Limits, PointToPoint, everyday_motions, puma560, read_robot, simulate
-from plant.motion.everyday import motions_of
+from plant.motion import motions_of
 
 ARM, RIG = puma560.arm(), puma560.rig()
 MOTIONS = everyday_motions(ARM, RIG)

@@ -31,9 +31,9 @@ from plant import (
     puma560,
     simulate,
 )
-from plant.motion.reference import Scaled
-from plant.parts.plain import from_plain
-from plant.simulation.closed_loop import ClosedLoop
+from plant.motion import Scaled
+from plant.parts import from_plain
+from plant.simulation import ClosedLoop
 
 RIG, ARM, PATH = puma560.rig(), puma560.literature_arm(1.5), puma560.reference()
 MOTOR, LINK, MASS, RADIUS = 1.2, 0.8, 4.0, 0.3

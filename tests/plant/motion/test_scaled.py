@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from plant import Harmonics, PointToPoint, Record, Spline, puma560, simulate
-from plant.motion.reference import Scaled
-from plant.parts.plain import from_plain
+from plant.motion import Scaled
+from plant.parts import from_plain
 
 MOVE = PointToPoint(start=(0.1, -1.0), goal=(1.3, 0.5), duration=0.8)
 SPLINE = Spline(times=(0, 0.4, 0.5, 1.1), points=((0.0, 1.0), (0.5, 0.2), (0.6, -0.3), (0.1, 0.4)))

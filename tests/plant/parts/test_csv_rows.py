@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from plant.parts.csv_rows import read_rows
+from plant.parts import read_rows
 
 
 def test_rows_of_one_width_are_read_with_their_heading(tmp_path):

@@ -7,15 +7,7 @@ import itertools
 import numpy as np
 import pytest
 
-from plant.parts.figures import (
-    COLOURS,
-    axes_of,
-    colour_of,
-    dressed,
-    legend_above,
-    literal,
-    row_by_row,
-)
+from plant.parts import COLOURS, axes_of, colour_of, dressed, legend_above, literal, row_by_row
 
 matplotlib = pytest.importorskip("matplotlib")
 matplotlib.use("Agg")

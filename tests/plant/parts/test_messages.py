@@ -10,8 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from plant.parts import messages, progress_bar
-from plant.parts.messages import joint_label, joint_labels
+from plant.parts import joint_label, joint_labels, messages, progress_bar
 
 ROOT = Path(__file__).resolve().parents[3]
 

@@ -54,11 +54,10 @@ from plant import (
     simulate,
     structure,
 )
-from plant.laws.resumed import AlongLog
-from plant.machine.drive_effects import CurrentLag, LoadFriction
-from plant.parts.kinds import PARTS
-from plant.parts.plain import from_plain
-from plant.simulation.layout import Correction
+from plant.laws import AlongLog
+from plant.machine import CurrentLag, LoadFriction
+from plant.parts import PARTS, from_plain
+from plant.simulation import Correction
 
 LINKS = (
     Link(name="1", alpha=0.1, a=0.2, d=0.3, theta=0.4),

@@ -28,11 +28,18 @@ from plant import (
     simulate,
     structure,
 )
-from plant.checkup.hypothesis import Rival
-from plant.parts import files, kinds
-from plant.parts.kinds import PARTS, kept
-from plant.parts.plain import from_plain, to_plain
-from plant.parts.saved import fingerprint, parsed, written
+from plant.checkup import Rival
+from plant.parts import (
+    PARTS,
+    files,
+    fingerprint,
+    from_plain,
+    kept,
+    kinds,
+    parsed,
+    to_plain,
+    written,
+)
 
 ARM, RIG, LAW, PATH = puma560.arm(), puma560.rig(), puma560.p_law(), puma560.reference()
 

@@ -4,8 +4,7 @@ from html.parser import HTMLParser
 
 import pytest
 
-from plant.parts import Aside, Shown, Table, Verdict, Warned
-from plant.parts.shown import body, inside, table
+from plant.parts import Aside, Shown, Table, Verdict, Warned, body, inside, table
 
 NASTY = "<script>alert('x')</script> & \"q\""
 VOID = ("br", "hr", "img", "meta", "input", "link")

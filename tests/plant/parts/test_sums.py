@@ -14,8 +14,7 @@ import numpy as np
 import pytest
 from threadpoolctl import ThreadpoolController
 
-from plant.parts.one_thread import one_thread
-from plant.parts.sums import dot, least, norm, product, products, triangle
+from plant.parts import dot, least, norm, one_thread, product, products, triangle
 
 RANDOM = np.random.default_rng(0)
 

@@ -6,8 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from plant.parts import Table, by_joint, significant
-from plant.parts.tables import LAYOUT, WIDTH, largest, wrapped
+from plant.parts import LAYOUT, WIDTH, Table, by_joint, largest, significant, wrapped
 
 NAMES = (
     "shoulder_pan_joint",

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from plant import Fields, per_joint, scalars
-from plant.parts.vector import MODEL_TORQUE, TORQUE_ERROR, vector_of
+from plant.parts import MODEL_TORQUE, TORQUE_ERROR, vector_of
 
 GEARS = Fields(link=per_joint(start=1.0), torque=per_joint(role=MODEL_TORQUE))
 STATE = Fields(

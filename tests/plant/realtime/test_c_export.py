@@ -31,8 +31,7 @@ from plant import (
     simulate,
     write_replay,
 )
-from plant.compiler.c_statements import statements
-from plant.compiler.instructions import STATE
+from plant.compiler import STATE, statements
 
 STRICT = "-std=c99 -O2 -Wall -Wextra -Werror -pedantic"
 ARM, RIG, PATH = puma560.arm(), puma560.rig(), puma560.reference()

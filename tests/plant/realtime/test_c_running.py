@@ -16,9 +16,8 @@ from spoilt import BEGIN, BRAKED, DT, LIES, PATH, Spoilt
 
 from ctc import ComputedTorque
 from plant import PD, Guards, P, SteppedArm, puma560, simulate
-from plant.compiler.python_to_c import CFunction
-from plant.realtime import memory
-from plant.realtime.c_running import names_of
+from plant.compiler import CFunction
+from plant.realtime import memory, names_of
 
 CC = shutil.which("cc") or shutil.which("gcc")
 pytestmark = pytest.mark.skipif(CC is None, reason="needs a C compiler")

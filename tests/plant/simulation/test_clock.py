@@ -1,6 +1,7 @@
 """When a loop is sampled, and what drives it then: even and uneven time stamps, and gaps."""
 
 import dataclasses
+import importlib
 import re
 
 import numpy as np
@@ -9,10 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from plant import PID, P, Record, puma560
-from plant.simulation.clock import Clock
-from plant.simulation.closed_loop import ClosedLoop
-from plant.simulation.followed_path import Path
-from plant.simulation.time_tables import in_blocks, time_tables
+from plant.simulation import Clock, ClosedLoop, Path, in_blocks, time_tables
 
 RIG = puma560.rig()
 GAINS = {"gain": (0.1, 0.075), "integral": (0.5, 0.4), "derivative": (4e-4, 3e-4), "filter": 2000.0}
@@ -121,6 +119,6 @@ def test_tables_in_blocks_are_those_of_the_whole(period, monkeypatch):
     some = time_tables(loop, path, clock, columns=[[0], [1, 2], [6]])
     np.testing.assert_array_equal(some[1], whole[1][:, [1, 2, -1]])
     np.testing.assert_array_equal(some[2], whole[2][:, [6, -1]])
-    monkeypatch.setattr("plant.simulation.time_tables._ROWS", 4 * 17)
+    monkeypatch.setattr(importlib.import_module("plant.simulation.time_tables"), "_ROWS", 4 * 17)
     for joined, table in zip(time_tables(loop, path, clock), whole, strict=True):
         np.testing.assert_array_equal(joined, table)

@@ -11,12 +11,26 @@ from closed_loops import Filtered, NoTorque, SampledP, direct_rig, joint, stiff
 from random_arms import random_arm
 
 from plant import PD, Arm, P, PointToPoint, Record, puma560, simulate
-from plant.simulation.clock import Clock
-from plant.simulation.closed_loop import FAR, ClosedLoop, bounded, closed_loop
-from plant.simulation.followed_path import Logged, Path, is_rounded, path_of, with_path
-from plant.simulation.logged_run import DivergenceError, logged_run
-from plant.simulation.loop_kernel import LANES, LOGGED, LoggedKernel, LoopKernel, loop_kernel
-from plant.simulation.time_tables import time_tables
+from plant.simulation import (
+    FAR,
+    LANES,
+    LOGGED,
+    Clock,
+    ClosedLoop,
+    DivergenceError,
+    Logged,
+    LoggedKernel,
+    LoopKernel,
+    Path,
+    bounded,
+    closed_loop,
+    is_rounded,
+    logged_run,
+    loop_kernel,
+    path_of,
+    time_tables,
+    with_path,
+)
 
 PERIOD = 0.7e-3
 ARM, RIG, PATH = puma560.arm(), puma560.rig(), puma560.reference()

@@ -8,13 +8,17 @@ import numpy as np
 import pytest
 
 from plant import P, puma560, simulate
-from plant.machine.rig import smooth_rig
-from plant.simulation.clock import Clock
-from plant.simulation.closed_loop import ClosedLoop
-from plant.simulation.followed_path import path_of, start_of
-from plant.simulation.layout import Correction
-from plant.simulation.loop_kernel import Structure, loop_kernel
-from plant.simulation.time_tables import time_tables
+from plant.machine import smooth_rig
+from plant.simulation import (
+    Clock,
+    ClosedLoop,
+    Correction,
+    Structure,
+    loop_kernel,
+    path_of,
+    start_of,
+    time_tables,
+)
 
 ARM, RIG, LAW = puma560.arm(), smooth_rig(puma560.rig()), puma560.p_law()
 GAINS = Correction(position=(0.3, 0.2), speed=(0.05, 0.04), zero=(0, 0))

@@ -32,12 +32,8 @@ from plant import (
     simulate,
     to_control,
 )
-from plant.parts.plain import from_plain
-from plant.simulation.clock import Clock
-from plant.simulation.closed_loop import ClosedLoop
-from plant.simulation.followed_path import Path
-from plant.simulation.loop_kernel import LANES, Structure, loop_kernel
-from plant.simulation.time_tables import time_tables
+from plant.parts import from_plain
+from plant.simulation import LANES, Clock, ClosedLoop, Path, Structure, loop_kernel, time_tables
 
 ARM, RIG, PATH = puma560.literature_arm(1.5), puma560.rig(), puma560.reference()
 PULSES = RIG.encoder.to_angle(np.array([5.0, 5.0]))

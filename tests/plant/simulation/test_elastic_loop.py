@@ -26,7 +26,7 @@ from plant import (
     simulate,
     to_control,
 )  # fmt: skip
-from plant.simulation.closed_loop import ClosedLoop
+from plant.simulation import ClosedLoop
 
 H = 0.7e-3 / 4  # the default sub-step
 MOTOR, LINK = 0.9, 1.6

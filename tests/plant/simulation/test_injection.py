@@ -9,7 +9,7 @@ import pytest
 from closed_loops import Constant, NoTorque, direct_rig, joint
 
 from ctc import ComputedTorque, evaluate
-from identification.equation_error.torque_logs import torque_of
+from identification.equation_error import torque_of
 from plant import (
     Elasticity,
     LoggedCurrent,
@@ -22,10 +22,9 @@ from plant import (
     simulate,
     to_control,
 )
-from plant.checkup.signals import Signals
-from plant.machine.drive_effects import CurrentLag
-from plant.simulation.closed_loop import ClosedLoop
-from plant.simulation.loop_kernel import Structure
+from plant.checkup import Signals
+from plant.machine import CurrentLag
+from plant.simulation import ClosedLoop, Structure
 
 ARM, RIG, PATH, LAW = puma560.arm(), puma560.rig(), puma560.reference(), puma560.p_law()
 STILL = PointToPoint(start=(0.0,), goal=(0.0,), duration=0.5)

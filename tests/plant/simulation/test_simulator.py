@@ -24,9 +24,8 @@ from scipy.integrate import solve_ivp
 from stick_slip import GearedJoint, simulate_events
 
 from plant import Harmonics, P, PointToPoint, Record, puma560, simulate
-from plant.machine.encoder import fix
-from plant.simulation.followed_path import path_of, start_of
-from plant.simulation.simulator import run
+from plant.machine import fix
+from plant.simulation import path_of, run, start_of
 
 ARM, RIG, LAW, PATH = puma560.arm(), puma560.rig(), puma560.p_law(), puma560.reference()
 F = puma560.PUBLISHED

@@ -2,6 +2,8 @@
 against one by one.
 """
 
+import importlib
+
 import casadi as ca
 import numpy as np
 import pytest
@@ -9,9 +11,10 @@ from scipy.interpolate import make_lsq_spline
 
 from plant import PID, Record, Resumed, puma560
 from plant.laws import resumed
-from plant.motion import smooth_splines
-from plant.parts.checked_function import evaluated
-from plant.simulation.law_run import run_law
+from plant.parts import evaluated
+from plant.simulation import run_law
+
+smooth_splines = importlib.import_module("plant.motion.smooth_splines")
 
 
 @pytest.mark.parametrize("pieces", [1, 7, 60])

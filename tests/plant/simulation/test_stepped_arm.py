@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from plant import PD, Body, Elasticity, SteppedArm, Transport, puma560, simulate
-from plant.simulation.logged_run import DivergenceError
+from plant.simulation import DivergenceError
 
 PATH = puma560.reference()
 
