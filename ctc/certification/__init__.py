@@ -9,7 +9,7 @@ from ctc.certification.certificate import Certificate
 from ctc.certification.certificates import Certificates
 from ctc.certification.certified import Certified, cells, clopper_pearson, influences
 from ctc.certification.certify import Motions, Task, certify
-from ctc.certification.identified import identified, refits
+from ctc.certification.identified import refits
 from ctc.certification.imperfections import IMPERFECTIONS
 from ctc.certification.plants import Plants
 from ctc.certification.rare import Normals, Rare, subset_simulation
@@ -35,7 +35,6 @@ __all__ = [
     "certify",
     "clopper_pearson",
     "draw",
-    "identified",
     "influences",
     "percent",
     "refits",

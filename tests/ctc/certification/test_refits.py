@@ -1,6 +1,7 @@
 """What a log of an elastic arm says of f, on gears of stated resonances."""
 
 import dataclasses
+import importlib
 import sys
 
 import numpy as np
@@ -9,9 +10,10 @@ from uncertain import with_uncertainty
 
 from ctc import ComputedTorque, Uncertainty, certify, sweep_resonance
 from ctc.certification import draw, refits
-from ctc.certification import identified as fits_on_gears
 from identification import identify
 from plant import Elasticity, puma560, simulate
+
+fits_on_gears = importlib.import_module("ctc.certification.identified")
 
 ARM, RIG, PATH = puma560.literature_arm(1.5), puma560.rig(), puma560.reference()
 START = PATH(np.zeros(1)).q[0]
