@@ -145,6 +145,26 @@ HYPOTHESES = (
         against=8.0,
         unit="ms",
     ),
+    # Its torque follows from the counts, so that late ones make it another torque.
+    Hypothesis(
+        name="late counts of a law",
+        sentence="the counts are {value:.2g} samples late against the reference",
+        remedy="Shift their columns",
+        undo=undo.counts_in_time,
+        evidence=undo.counts_lateness,
+        against=10.0,
+        unit="samples",
+    ),
+    Hypothesis(
+        name="limit",
+        sentence="the torques are cut off at a limit that the rig does not state, where the law"
+        " commands more: {value:.0f} % of the largest",
+        remedy="State the drive's current_limit, or slow the motion down",
+        undo=undo.cut_off,
+        suggested=undo.limits,
+        against=14.0,
+        unit="%",
+    ),
     Hypothesis(
         name="late counts",
         sentence="the positions are late against the torques by about {value:.0f} ms",

@@ -5,12 +5,13 @@ equation and joints gives sizes, or sizes with how much likelier each makes the 
 """
 
 import math
-from dataclasses import replace
 
 import numpy as np
+from scipy.optimize import minimize_scalar
 
 from identification.equation_error.regressor import regressor_along
 from identification.equation_error.stated_equation import SETTINGS
+from plant.checkup import counts_in_time as counts_earlier
 from plant.motion import Motion
 
 
@@ -23,7 +24,7 @@ def turned(equation, joints, size):
     """The joint with all its columns turned."""
     sign = _signs(equation.dynamics.n, *joints)
     motion = Motion(*(sign * signal for signal in equation.motion))
-    return replace(equation, motion=motion, torque=sign * equation.torque, dry=sign * equation.dry)
+    return equation.restated(motion=motion, torque=sign * equation.torque, dry=sign * equation.dry)
 
 
 def torque_turned(equation, joints, size):
@@ -38,18 +39,18 @@ def torques_turned(equation, joints, size):
 
 def gravity_times(equation, joints, size):
     """Gravity times a factor: -1 is upwards."""
-    return replace(equation, gravity=size)
+    return equation.restated(gravity=size)
 
 
 def weighed(equation, joints, size):
     """Without gravity, or beside so much of what the stated bodies weigh."""
     if not size:
-        return replace(equation, gravity=0.0)
+        return equation.restated(gravity=0.0)
     dynamics = equation.dynamics
     resting = Motion(equation.motion.q, *2 * [0 * equation.motion.q])
     Y = regressor_along(dynamics, equation.rig, dynamics.names, resting)[0]
     # In the unit of the log: an added torque that is explained would make the rest look smaller.
-    heavier = replace(equation, unit=1 / np.maximum(equation.of_joints[2].max(axis=0), 1e-300))
+    heavier = equation.restated(unit=1 / np.maximum(equation.of_joints[2].max(axis=0), 1e-300))
     return heavier.with_columns(equation.columns, equation.needed).with_torque(
         equation.torque + size * Y @ dynamics.f()
     )
@@ -64,7 +65,7 @@ def zero_moved(equation, joints, size):
     """The joint with another zero [degrees]."""
     shift = np.zeros(equation.dynamics.n)
     shift[list(joints)] = np.deg2rad(size)
-    return replace(equation, motion=equation.motion._replace(q=equation.motion.q - shift))
+    return equation.restated(motion=equation.motion._replace(q=equation.motion.q - shift))
 
 
 def tilts(equation, joints):
@@ -77,12 +78,12 @@ def tilts(equation, joints):
 
 def levelled(equation, joints, size):
     """The base tilted as is likeliest."""
-    return replace(equation, tilt=equation.likeliest_tilt)
+    return equation.restated(tilt=equation.likeliest_tilt)
 
 
 def without_friction(equation, joints, size):
     """Torques whose friction is known to be less than the stated one."""
-    return replace(equation, frictionless=True).with_columns(equation.columns, equation.needed)
+    return equation.restated(frictionless=True).with_columns(equation.columns, equation.needed)
 
 
 def frictionless(equation, joints):
@@ -128,7 +129,7 @@ def units(equation, joints):
 
 def in_unit(equation, joints, size):
     """Positions that were read in a unit so many times too large."""
-    return replace(equation, motion=Motion(*(signal / size for signal in equation.motion)))
+    return equation.restated(motion=Motion(*(signal / size for signal in equation.motion)))
 
 
 def _exchanged(signal, joints):
@@ -140,7 +141,7 @@ def _exchanged(signal, joints):
 def positions_exchanged(equation, joints, size):
     """Positions of two joints exchanged, with the friction that follows from them."""
     motion = Motion(*(_exchanged(signal, joints) for signal in equation.motion))
-    return replace(equation, motion=motion, dry=_exchanged(equation.dry, joints))
+    return equation.restated(motion=motion, dry=_exchanged(equation.dry, joints))
 
 
 def torques_exchanged(equation, joints, size):
@@ -152,6 +153,51 @@ def in_time(equation, joints, size):
     """Torques that were logged so many milliseconds late."""
     # What wraps around lies outside the rows that are compared.
     return equation.with_torque(np.roll(equation.torque, -_samples(equation, size), axis=0))
+
+
+def counts_in_time(equation, joints, size):
+    """Counts that were so many samples late; the torque of the law follows from them anew."""
+    return type(equation).of(equation.dynamics, counts_earlier(equation.record, (), size))
+
+
+def counts_lateness(equation, joints):
+    """Samples by which counts may be late, where a law with memory read them; the odds.
+
+    A law without memory turns late counts into viscous friction, which is fitted in any case.
+    """
+    if not _of_law(equation) or not equation.constant:
+        return
+
+    def unlikely(size):
+        return equation.evidence - counts_in_time(equation, joints, size).evidence
+
+    tried = np.array([0.0, *SETTINGS.counted_late])
+    best = int(np.argmin([unlikely(size) for size in tried[1:]])) + 1
+    nearest = tried[best - 1], tried[min(best + 1, len(tried) - 1)]
+    options = {"xatol": SETTINGS.counted}
+    refined = minimize_scalar(unlikely, bounds=nearest, method="bounded", options=options)
+    # Counts between the rows have less noise than whole ones, whether they are late or early.
+    early = equation.evidence - unlikely(-refined.x)
+    yield float(refined.x), equation.evidence - float(refined.fun) - max(equation.evidence, early)
+
+
+def cut_off(equation, joints, size):
+    """The torques of a law, limited as is likeliest."""
+    return equation.cut_off(equation.likeliest_limits)
+
+
+def limits(equation, joints):
+    """The lowest limit as a share [%] of the largest torque that the law commands, if any."""
+    if not _of_law(equation):
+        return ()
+    largest = np.abs(equation.signals.motor_torque).max(axis=0)
+    share = (equation.likeliest_limits / np.maximum(largest, 1e-300)).min()
+    return (100 * share,) if share < 1 else ()
+
+
+def _of_law(equation):
+    """Whether the torque is that of a law, run along a log."""
+    return equation.commanded and equation.record is not None
 
 
 def _samples(equation, milliseconds):

@@ -9,7 +9,7 @@ logged, the law is run along the log, and its initial integral is a constant.
 import functools
 import math
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -74,6 +74,14 @@ class RestatedSettings:
         its torque is compared; chosen by hand.
     by_joint : float
         Independent equations that a joint's torque counts for, where joints are judged apart.
+    limits : tuple of float
+        Shares of the largest torque that a law commands at which a limit is tried.
+    refined : tuple of float
+        Factors by which the likeliest of these limits is refined.
+    counted_late : tuple of float
+        Samples by which counts may be late that are tried where a law's torque depends on them.
+    counted : float
+        Samples to which the likeliest of these is refined.
     late : tuple of float
         Times [ms] by which torques may be late that are tried: a few cycles of a slow bus.
     """
@@ -96,6 +104,24 @@ class RestatedSettings:
     certain: float = 3.0
     moving: float = 0.5
     by_joint: float = 20.0
+    limits: tuple[float, ...] = (
+        0.03,
+        0.05,
+        0.07,
+        0.1,
+        0.15,
+        0.2,
+        0.3,
+        0.4,
+        0.5,
+        0.6,
+        0.7,
+        0.8,
+        0.9,
+    )
+    refined: tuple[float, ...] = (0.82, 0.88, 0.94, 1.06, 1.12, 1.18)
+    counted_late: tuple[float, ...] = (0.5, 1.0, 1.5, 2.0, 3.0)
+    counted: float = 0.05
     late: tuple[float, ...] = (-80.0, -40.0, -20.0, -10.0, 10.0, 20.0, 40.0, 60.0, 80.0)
 
 
@@ -128,6 +154,8 @@ class TorqueEquation:
     the level axes by which the base is tilted; None as stated. `constant`: whether each torque has
     an unknown constant. `commanded`: whether the torque is that of the law, none was logged.
     `frictionless`: whether it is known to have less friction in it than the rig states.
+    `record`: the record as it is stated, and `signals`: its torques before they were smoothed; None
+    of a band, and the record of a restated log.
     """
 
     dynamics: Dynamics
@@ -143,11 +171,14 @@ class TorqueEquation:
     commanded: bool = False
     frictionless: bool = False
     unit: Floats | None = None
+    record: Record | None = None
+    signals: Any = None
 
     @classmethod
     def of(cls, dynamics: Dynamics, record: Record) -> "TorqueEquation | None":
         """The equation of a record; None without a torque, or in too short a log."""
         law = record.law
+        stated = record
         logged = record.torque is not None or record.current is not None
         sampled = not logged and law is not None and bool(law.period) and law.has_memory(record.n)
         if sampled:
@@ -172,6 +203,8 @@ class TorqueEquation:
             weightless=hardly_moving(record),
             constant=sampled,
             commanded=not logged,
+            record=stated,
+            signals=signals,
         )
 
     @classmethod
@@ -270,6 +303,29 @@ class TorqueEquation:
                 moves[axis] = step * np.clip(vertex, -2, 2)
             tilt = tilt + moves
         return tilt
+
+    def cut_off(self, limits: Floats) -> "TorqueEquation":
+        """The same motion with torques that are limited (n,) [N m] at the motors."""
+        limited = np.clip(self.signals.motor_torque, -limits, limits)
+        return self.with_torque(self.rig.drive.gear * self.signals.smooth(limited))
+
+    @functools.cached_property
+    def likeliest_limits(self) -> Floats:
+        """The likeliest limits (n,) [N m] of the motors' torques, each of a few."""
+        largest = np.abs(self.signals.motor_torque).max(axis=0)
+        limits = largest.copy()
+        joints = range(self.dynamics.n)
+        for i in joints:
+            limits = self._likeliest(limits, i, largest[i] * np.array([*SETTINGS.limits, 1.0]))
+        for i in joints:
+            limits = self._likeliest(limits, i, limits[i] * np.array([*SETTINGS.refined, 1.0]))
+        return np.minimum(limits, largest)
+
+    def _likeliest(self, limits: Floats, joint: int, trials: Floats) -> Floats:
+        """The limits (n,) with the likeliest of some trials at a joint."""
+        rows = np.tile(limits, (len(trials), 1))
+        rows[:, joint] = trials
+        return rows[np.argmax([self.cut_off(row).evidence for row in rows])]
 
     @functools.cached_property
     def evidence(self) -> float:
@@ -392,7 +448,11 @@ class TorqueEquation:
 
     def with_torque(self, torque: Floats) -> "TorqueEquation":
         """The same motion with another torque (M, n): its regressor stays."""
-        return replace(self, torque=torque).with_columns(self.columns, self.needed)
+        return self.restated(torque=torque).with_columns(self.columns, self.needed)
+
+    def restated(self, **changes: Any) -> "TorqueEquation":
+        """The same log with other statements, no longer that of its record."""
+        return replace(self, record=None, **changes)
 
 
 def _shift(rows: int, period: float) -> int:

@@ -29,6 +29,7 @@ from plant import (
     puma560,
     simulate,
 )
+from plant.checkup import counts_in_time
 from plant.motion import Motion
 
 CHAIN = Chain(links=(Link(name="2", alpha=-np.pi / 2), Link(name="3", a=puma560.LINK_LENGTH)))
@@ -386,3 +387,26 @@ def test_a_spring_that_the_rig_states_tilts_no_base():
         stated = dataclasses.replace(springs, stiffness=factor * springs.stiffness)
         rig = dataclasses.replace(case.record.rig, springs=stated)
         assert not restated(case.dynamics, dataclasses.replace(case.record, rig=rig))
+
+
+PID_LAW = PID(
+    gain=(0.1, 0.08), derivative=(4e-4, 3e-4), integral=(0.5, 0.4), filter=2000.0, period=7e-4
+)
+
+
+@pytest.mark.parametrize("samples", [0.8, 1.9])
+def test_late_counts_of_a_law_with_memory_are_named_with_their_time(samples):
+    """Its torque follows from the counts: late ones were taken for a joint that turns."""
+    arm, rig = puma560.literature_arm(1.5), puma560.rig()
+    right = simulate(arm, rig, PID_LAW, puma560.reference(), duration=2.0)
+    late = counts_in_time(right, (), -samples)
+    counts_alone = dataclasses.replace(late, torque=None, current=None)
+    cause, *_ = restated(arm.dynamics, counts_alone)
+    assert cause.name == "late counts of a law"
+    assert cause.size == pytest.approx(samples, abs=0.5)
+
+
+def test_a_right_log_of_a_law_with_memory_is_not_restated():
+    arm, rig = puma560.literature_arm(1.5), puma560.rig()
+    right = simulate(arm, rig, PID_LAW, puma560.reference(), duration=2.0)
+    assert restated(arm.dynamics, dataclasses.replace(right, torque=None, current=None)) == ()
