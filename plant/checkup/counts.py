@@ -283,7 +283,10 @@ def renumbered(signals: Signals) -> NDArray[np.int_]:
     even &= np.abs(spans / signals.interval - 1) < LEFT_OUT.even
     remaining = np.minimum(np.abs(gap), np.abs(np.convolve(gap, neighbours, mode="same")))
     missing = remaining > LEFT_OUT.even * signals.interval
-    return np.flatnonzero(even & along & several & missing) + 1
+    # Near an end of the log no motion on both sides tells what a row should have been.
+    known = np.ones(len(spans), bool)
+    known[: 2 * reach] = known[-2 * reach :] = False
+    return np.flatnonzero(even & along & several & missing & known) + 1
 
 
 def _runs(counts):

@@ -224,14 +224,15 @@ def _repeats(column, t, limit):
     jump = np.diff(column[starts])
     # A median leaves out the jump behind a repeated row.
     windows = np.lib.stride_tricks.sliding_window_view(jump / length, reach)
-    speed = np.median(windows, axis=1)
-    incoming = np.concatenate([np.full(reach, speed[0]), speed[: len(jump) - reach]])
-    outgoing = np.concatenate([speed[1:], np.full(reach, speed[-1])])[: len(jump)]
+    incoming, outgoing = _before_and_after(np.median(windows, axis=1), len(jump))
     mean = (incoming + outgoing) / 2
 
     # 2. A stretch repeats its value if the motion is fast on both sides, and the jump at its end
     # is that of its whole length rather than that of one row.
     fast = (np.minimum(np.abs(incoming), np.abs(outgoing)) >= limit) & (incoming * outgoing > 0)
+    # In a loop that oscillates from row to row two counts are equal where it turns.
+    forwards = (windows * np.sign(np.median(windows, axis=1))[:, None]).min(axis=1)
+    fast &= np.minimum(*_before_and_after(forwards, len(jump))) >= limit
     off = np.abs(jump - length * mean)
     tolerance = limit + MOTION.in_time * np.abs(length * mean)
     follows = (off <= tolerance) & (off < np.abs(jump - mean))
@@ -241,6 +242,14 @@ def _repeats(column, t, limit):
     repeats = np.append(fast & follows, False)[stretch]
     repeats[starts] = False
     return repeats, np.append(fast, False)[stretch]
+
+
+def _before_and_after(values, count):
+    """Values (W,) of windows, before and after each of so many jumps."""
+    reach = count + 1 - len(values)
+    before = np.concatenate([np.full(reach, values[0]), values[: count - reach]])
+    after = np.concatenate([values[1:], np.full(reach, values[-1])])[:count]
+    return before, after
 
 
 def _late_stamps(signals):
