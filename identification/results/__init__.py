@@ -2,11 +2,11 @@
 
 Read `identification` (the result), `diagnostics` (how well it repeats the records, and the mean of
 records that disagree), `summary` (its text), `trust` (warnings) and `plots`. Contradictions:
-`with_arm` (one row per cause), `alternatives` and `along_log` (score tests), `refits` (fits of one
-more cause), `stepwise` (selection), `detection` (the result), `model_error` (bias of the values),
-and `equation_error.restated`. Assumptions: `assumed` (sensitivities), `seen` (range of the logs,
-priors). `physical`, `gears`, `oscillation` and `urscript` stand alone. `model_files` writes
-inertials back (`nearest_bodies`: the search).
+`with_arm` (one row per cause), `alternatives` (score tests), `along_log` and `law_torques` (torques
+that a model may lack), `refits` (fits of one more cause), `stepwise` (selection), `detection` (the
+result), `model_error` (bias of the values), and `equation_error.restated`. Assumptions: `assumed`
+(sensitivities), `seen` (range of the logs, priors). `physical`, `gears`, `oscillation` and
+`urscript` stand alone. `model_files` writes inertials back (`nearest_bodies`: the search).
 """
 
 from identification.results.alternatives import Sign
@@ -15,6 +15,7 @@ from identification.results.detection import Detection
 from identification.results.diagnostics import Diagnostics
 from identification.results.gears import Gears
 from identification.results.identification import Identification, covariance_of_f
+from identification.results.law_torques import cut_off
 from identification.results.model_error import consider, priors
 from identification.results.model_files import WrittenModel
 from identification.results.nearest_bodies import Block, nearest_realisation
@@ -61,6 +62,7 @@ __all__ = [
     "consider",
     "counted",
     "covariance_of_f",
+    "cut_off",
     "doubts",
     "draw_intervals",
     "drifting",

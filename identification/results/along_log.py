@@ -1,12 +1,10 @@
-"""Torques along a log that its model may lack: cogging, other friction, the rate of an error.
+"""Torques along a log that its model may lack: cogging, and friction that changes or rises.
 
 Each is known along the log except for its size, and the innovations change in proportion to that.
 Of wide backlash only the instants at which it acts are known.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import replace
-from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -16,10 +14,8 @@ from identification.replay import Optimum
 from identification.results.assumed import smoothed
 from plant import Record
 from plant.compiler import shared_out
-from plant.laws import AlongLog, commanded_torque, variants
 from plant.mechanics import lumped_torque
 from plant.parts import Floats
-from plant.simulation import run_law
 
 CYCLES = 24  # of a motor's cogging per turn, at most
 
@@ -69,52 +65,6 @@ def cogging(at: Optimum) -> dict[str, list[Floats]]:
                 for angle, unit in zip(angles, units, strict=True)
             ]
     return torques
-
-
-def lead(at: Optimum) -> dict[str, list[Floats]]:
-    """Torques (N, n) [N m] along each record per second of the rate of a law without memory."""
-    rates = []
-    for record in at.model.records:
-        # A derivative in the law adds the rate of its torque. Without a commanded torque there is
-        # none.
-        commanded = commanded_torque(record)
-        rates.append(0 * record.counts if commanded is None else smoothed(record, commanded).qd)
-    return {
-        f"lead[{i}]": [rate * joint for rate in rates]
-        for i, joint in enumerate(np.eye(at.model.dynamics.n))
-    }
-
-
-def other_variants(at: Optimum) -> dict[str, list[Floats]]:
-    """Torques (N, n) [N m] along each record by which each variant of its law differs.
-
-    Of laws that read their log: ``variant.integration='forward'``, which is 1 where that made it.
-    """
-    laws: list[Any] = [record.law for record in at.model.records]
-    if not all(
-        isinstance(record.law, AlongLog) and record.law.period == record.rig.period
-        for record in at.model.records
-    ):
-        return {}
-    # The torque of the stated law itself, from the same counts, is what a variant changes.
-    stated = [run_law(record).given for record in at.model.records]
-    torques: dict[str, list[Floats]] = {}
-    for record, law, given in zip(at.model.records, laws, stated, strict=True):
-        for text, variant in variants(law.law).items():
-            of_variant = replace(law, law=variant, state=_begun_as(law, variant, record.n))
-            change = run_law(replace(record, law=of_variant)).given - given
-            torques.setdefault(f"variant.{text}", []).append(change)
-    # Records of different laws have no common variant.
-    return {name: rows for name, rows in torques.items() if len(rows) == len(laws)}
-
-
-def _begun_as(law, variant, n):
-    """State (s,) of a variant that began as a law did; what that has not begins by itself."""
-    # Variants share most of their memory: an integral, a filter, the last error.
-    begins = variant.fields.read(variant.initial_state(n), n)._asdict()
-    memory = law.law.fields.read(law.state, n)._asdict()
-    common = {name: memory.get(name, value) for name, value in begins.items()}
-    return variant.fields.write(n, **common)
 
 
 def drift(at: Optimum) -> dict[str, list[Floats]]:
@@ -188,15 +138,13 @@ def _mean_while_held(torque):
     return (torque + np.vstack([torque[1:], torque[-1:]])) / 2
 
 
-def at_reversals(at: Optimum) -> Iterator[tuple[int, Floats, Floats]]:
-    """Residuals (M,) of each joint while its load changes sign, and elsewhere: (joint, M, M).
+def at_reversals(at: Optimum, innovations: Floats) -> Iterator[tuple[int, Floats, Floats]]:
+    """Innovations (M,) of each joint while its load changes sign, and elsewhere: (joint, M, M).
 
     Where the joint itself turns back, friction changes sign as well: these samples are in neither.
     """
     arm = _arm(at)
     n = arm.dynamics.n
-    # With known rounding: without it the ratio would be one of the smallest errors.
-    innovations = at.left(at.innovations + at.model.rounding)
     crossing: list[list[Floats]] = [[] for _ in range(n)]
     elsewhere: list[list[Floats]] = [[] for _ in range(n)]
     for record, rows in zip(at.model.records, at.model.rows(), strict=True):

@@ -258,7 +258,8 @@ class Sign(Shown, Frozen):
     ----------
     name : str
         "compliance", "backlash", "lag", "delay", "friction", "offset" of torques, "gear",
-        "cogging", "breakaway", "length" of a link, "lead" of a law's torque, "variant" of a law,
+        "cogging", "breakaway", "length" of a link, "lead" of a law's torque, "law gain", "limit" of
+        the torque, "variant" of a law,
         "reversals" of the load, or "disagreement": of the records with each other.
     chi_square : float
         Decrease of the sum of squared innovations with it, in units of their variance, which counts
@@ -549,6 +550,18 @@ def variant(hypothesis: ArmHypothesis, point: Point) -> Iterator[Sign]:
     yield from sorted(whole, key=lambda sign: -sign.chi_square)[:1]
 
 
+def likeliest(hypothesis: ArmHypothesis, point: Point) -> Iterator[Sign]:
+    """The likeliest of the signs of single fields, such as all gains, or all integral gains."""
+    fields: dict[str, dict[str, Floats]] = {}
+    for name, row in point.testable.items():
+        if hypothesis.has(name):
+            fields.setdefault(name.partition("[")[0], {})[name] = row
+    signs = [
+        sign for rows in fields.values() for sign in linear(hypothesis, point, rows, len(fields))
+    ]
+    yield from sorted(signs, key=lambda sign: -sign.log_odds)[:1]
+
+
 def untested(hypothesis: ArmHypothesis, point: Point) -> Iterator[Sign]:
     """No test: the intervals count the tolerance of its numbers, and results their effects."""
     yield from ()
@@ -556,10 +569,16 @@ def untested(hypothesis: ArmHypothesis, point: Point) -> Iterator[Sign]:
 
 def reversals(hypothesis: ArmHypothesis, point: Point) -> Iterator[Sign]:
     """Whether the model fails where loads change sign, as with wide backlash; the worst joint."""
+    at = point.at
+    # With known rounding: without it the ratio would be one of the smallest errors.
+    innovations = at.left(at.innovations + at.model.rounding)
+    # What another cause explains is no sign of this one.
+    effects = at.left(np.array([*point.testable.values()]))
+    innovations = innovations - along(directions(effects), effects, innovations) @ effects
     # Mean squares, as the samples near a reversal are few.
     ratios = [
         ((crossing**2).mean() / (elsewhere**2).mean(), i, crossing)
-        for i, crossing, elsewhere in at_reversals(point.at)
+        for i, crossing, elsewhere in at_reversals(at, innovations)
         if min(len(crossing), len(elsewhere)) > SETTINGS.reversal_samples and elsewhere.any()
     ]
     if not ratios:
@@ -570,7 +589,7 @@ def reversals(hypothesis: ArmHypothesis, point: Point) -> Iterator[Sign]:
     explained = float((crossing**2).sum() * (1 - SETTINGS.reversal_ratio / ratio))
     yield Sign(
         name=hypothesis.name,
-        chi_square=explained / point.at.evidence_unit(point.at.before),
+        chi_square=explained / at.evidence_unit(at.before),
         freedom=1,
         threshold=hypothesis.threshold_of(1),
         explained=explained,

@@ -272,6 +272,7 @@ class Detection(Shown, Frozen):
                 "late": "late" if value > 0 else "early",
                 "unit": unit,
                 "joint": self._joint(name) if "[" in name else "",
+                "where": f" at {self._joint(name)}" if "[" in name else "",
                 "kind": kind,
                 "variant": kind.partition(".")[2],
                 "cycles": "".join(filter(str.isdigit, kind)),

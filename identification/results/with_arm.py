@@ -13,8 +13,6 @@ from identification.results.along_log import (
     breakaway,
     cogging,
     drift,
-    lead,
-    other_variants,
 )
 from identification.results.alternatives import (
     ArmHypothesis,
@@ -22,12 +20,14 @@ from identification.results.alternatives import (
     effect_of_delay,
     elastic,
     lengths,
+    likeliest,
     linear,
     playing,
     reversals,
     untested,
     variant,
 )
+from identification.results.law_torques import cut_off, lead, other_gains, other_variants
 from identification.results.refits import in_time, lengthened, moved, played, pushed, sprung
 from plant.mechanics import LOAD
 
@@ -263,6 +263,27 @@ HYPOTHESES = (
         refit=moved,
         spread=0.3,
     ),
+    # Of a law with memory, whose torque follows from the log alone.
+    ArmHypothesis(
+        name="law gain",
+        sentence="gains of the law that made the log are not the stated ones: {each}",
+        remedy="Check them",
+        telling="log the torque as well, which shows the law without a model of the arm",
+        biased=True,
+        title="other gains",
+        each="{variant} {size:+.2g} {unit}{where}",
+        unit="%",
+        convert=_percent,
+        torques=other_gains,
+        prefix="controller",
+        signed=True,
+        test=likeliest,
+        refit=pushed,
+        spread=0.3,
+        # Backlash looks like a smaller derivative: a gain of 20 in a log of ``causes.py``, where
+        # gains that are 15 to 40 % off have 60 and more.
+        against=20.0,
+    ),
     # The time constant of the currents [s].
     ArmHypothesis(
         name="lag",
@@ -341,6 +362,21 @@ HYPOTHESES = (
         least_samples=0.5,
         refit=pushed,
         spread=5e-3,
+    ),
+    ArmHypothesis(
+        name="limit",
+        sentence="torques are cut off at {each}",
+        remedy="State the drive's current_limit, or leave these samples out",
+        telling="log the current, which shows its limit",
+        biased=True,
+        title="a limit of the torque",
+        each="{variant} of the largest that the law commands, at {joint}",
+        unit="% of its effect",
+        convert=_percent,
+        torques=cut_off,
+        test=likeliest,
+        refit=pushed,
+        spread=1.0,
     ),
     # Of the laws that read their log, so that the counts alone tell which one made it.
     ArmHypothesis(

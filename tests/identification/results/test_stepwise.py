@@ -82,6 +82,7 @@ def test_a_rigid_robot_is_accused_of_nothing(rigid):
         "lead",
         "drift",
         "breakaway",
+        "limit",
         "reversals",
     }
     assert not any(sign.significant for sign in detection.signs)

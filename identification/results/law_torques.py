@@ -1,0 +1,155 @@
+"""Torques by which another law would have moved the arm differently along the counts of a log.
+
+Laws with memory that read their log (`AlongLog`) are run along it once more, as another variant or
+with another gain; the difference of both torques is the effect. A law without memory commands a
+torque that follows from each sample alone.
+"""
+
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from typing import Any, TypeAlias
+
+import numpy as np
+
+from identification.replay import Optimum
+from identification.results.assumed import smoothed
+from plant import Record
+from plant.laws import AlongLog, commanded_torque, variants
+from plant.parts import Floats
+from plant.simulation import run_law
+
+# Share of a gain by which it is changed, so small that a law which limits its torque stays linear.
+_SMALL = 0.01
+
+# Lead [s] of a law's torque at which its effect is taken; it acts linearly.
+_LEAD = 1e-3
+
+# Shares of the largest commanded torque at which a limit is tried; chosen by hand. Far lower ones
+# leave no fit that follows the log: `identification.equation_error.restated` finds these.
+_SHARES = (0.6, 0.75, 0.9)
+
+# Names, laws and sizes of other laws than a stated one; a torque is that of a unit of size.
+_Others: TypeAlias = Callable[[AlongLog, int], Iterator[tuple[str, AlongLog, float]]]
+
+
+def lead(at: Optimum) -> dict[str, list[Floats]]:
+    """Torques (N, n) [N m] along each record per second of the rate of a law's error.
+
+    ``lead[i]``: the derivative of joint i, in units of its proportional gain.
+    """
+    if all(map(_reads_its_log, at.model.records)):
+        return _changes(at, _with_derivatives)
+    rates = []
+    for record in at.model.records:
+        # A derivative in the law adds the rate of its torque. Without a commanded torque there is
+        # none.
+        commanded = commanded_torque(record)
+        rates.append(0 * record.counts if commanded is None else smoothed(record, commanded).qd)
+    return {
+        f"lead[{i}]": [rate * joint for rate in rates]
+        for i, joint in enumerate(np.eye(at.model.dynamics.n))
+    }
+
+
+def other_variants(at: Optimum) -> dict[str, list[Floats]]:
+    """Torques (N, n) [N m] along each record by which each variant of its law differs.
+
+    ``variant.integration='forward'``, which is 1 where that made the log. None of laws that do not
+    read their log.
+    """
+    return _changes(at, _with_variants)
+
+
+def other_gains(at: Optimum) -> dict[str, list[Floats]]:
+    """Torques (N, n) [N m] along each record per relative change of each gain of its law.
+
+    ``controller.derivative[0]``. None of laws that do not read their log.
+    """
+    return _changes(at, _with_gains)
+
+
+def cut_off(at: Optimum) -> dict[str, list[Floats]]:
+    """Torques (N, n) [N m] along each record by which a limit changes what its law commands.
+
+    ``limit.0.75[i]``: at three quarters of the largest torque that joint i is commanded.
+    """
+    given = [_commanded(record) for record in at.model.records]
+    commanded = [torque for torque in given if torque is not None]
+    if len(commanded) < len(given):
+        return {}
+    largest = np.abs(np.concatenate(commanded)).max(axis=0)
+    torques = {}
+    for share in _SHARES:
+        limit = share * largest
+        changes = [np.clip(torque, -limit, limit) - torque for torque in commanded]
+        for i, joint in enumerate(np.eye(at.model.dynamics.n)):
+            torques[f"limit.{share:g}[{i}]"] = [change * joint for change in changes]
+    return torques
+
+
+def _commanded(record: Record) -> Floats | None:
+    """Torque (N, n) [N m] that the law of a record commands; None where it does not follow."""
+    return run_law(record).given if _reads_its_log(record) else commanded_torque(record)
+
+
+def _reads_its_log(record: Record) -> bool:
+    """Whether the law of a record reads its log, sample by sample."""
+    return isinstance(record.law, AlongLog) and record.law.period == record.rig.period
+
+
+def _changes(at: Optimum, others: _Others) -> dict[str, list[Floats]]:
+    """Torques (N, n) along each record by which other laws differ from the stated one, by name."""
+    records = at.model.records
+    if not all(map(_reads_its_log, records)):
+        return {}
+    torques: dict[str, list[Floats]] = {}
+    for record in records:
+        stated: Any = record.law
+        # The torque of the stated law itself, from the same counts.
+        given = run_law(record).given
+        for name, law, size in others(stated, record.n):
+            change = (run_law(replace(record, law=law)).given - given) / size
+            torques.setdefault(name, []).append(change)
+    # Records of different laws have no common change.
+    return {name: changes for name, changes in torques.items() if len(changes) == len(records)}
+
+
+def _with_variants(law, n):
+    """The variants of a law."""
+    for text, variant in variants(law.law).items():
+        yield f"variant.{text}", replace(law, law=variant, state=_begun_as(law, variant, n)), 1.0
+
+
+def _begun_as(law, variant, n):
+    """State (s,) of a variant that began as a law did; what that has not begins by itself."""
+    # Variants share most of their memory: an integral, a filter, the last error.
+    begins = variant.fields.read(variant.initial_state(n), n)._asdict()
+    memory = law.law.fields.read(law.state, n)._asdict()
+    common = {name: memory.get(name, value) for name, value in begins.items()}
+    return variant.fields.write(n, **common)
+
+
+def _with_gains(law, n):
+    """A law with another gain of one joint, for each gain."""
+    for name, value in law.law.numbers().items():
+        # Numbers of an arm and a rig within a law are no gains (``arm.f[0]``). Those of filters and
+        # observers have no joint: they explain the noise of any other cause, and friction that
+        # drifted was taken for a bandwidth 31 % lower.
+        if value and "[" in name and "." not in name:
+            yield f"controller.{name}", _with_number(law, name, (1 + _SMALL) * value), _SMALL
+
+
+def _with_derivatives(law, n):
+    """A law with a derivative of one joint, for each joint that states none."""
+    numbers = law.law.numbers()
+    for joint in (f"[{i}]" for i in range(n)):
+        # A derivative that is stated is a gain like others.
+        if numbers.get(f"derivative{joint}") == 0 and f"gain{joint}" in numbers:
+            derivative = _LEAD * numbers[f"gain{joint}"]
+            yield f"lead{joint}", _with_number(law, f"derivative{joint}", derivative), _LEAD
+
+
+def _with_number(law, name, value):
+    """A law with another value of one of its numbers."""
+    numbers = {**law.law.numbers(), name: value}
+    return replace(law, law=law.law.with_numbers(list(numbers.values())))
