@@ -284,6 +284,31 @@ def _tilted(given):
     given.chain = dataclasses.replace(given.chain, gravity=tuple(turned))
 
 
+def is_hidden(name, given):
+    """Whether no log can show what was spoiled, so that silence is right.
+
+    The zero of a joint, or a tilt, is hidden where the stated chain with another f needs exactly the same torques. A
+    constant torque is hidden where no torque was logged and the law has an integral, whose state before the log is
+    unknown: both are one number.
+    """
+    record = given.records[0]
+    if name == "asymmetric friction":
+        return record.torque is None and record.law is not None and bool(record.law.period)
+    if name not in ("zero off", "tilted base") or given.path is None:
+        return False
+    t = record.t[::20]
+    motion = given.path(t)
+    turned = np.median(record.rig.cell_centre(record.counts) - given.path(record.t).q, axis=0)
+    stated = Dynamics.from_chain(given.chain)
+    columns, torques = [], []
+    for q, qd, qdd in zip(*motion, strict=True):
+        columns.append(np.array(stated.Y(q + turned, qd, qdd)))
+        torques.append(np.ravel(given.truth.inverse(q, qd, qdd)))
+    A, b = np.concatenate(columns), np.concatenate(torques)
+    left = b - A @ np.linalg.lstsq(A, b, rcond=None)[0]
+    return float(np.abs(left).max()) < 1e-6 * float(np.abs(b).max())
+
+
 def uniform(low, high, name, **more):
     """A machine with this number drawn."""
     return lambda random: {name: random.uniform(low, high), **more}

@@ -80,7 +80,8 @@ def of_cause(name, arm, seed, law):
     """A log of `causes.py`."""
     given = causes.drawn(name, arm, seed, law)
     dynamics = Dynamics.from_chain(given.chain)
-    return Case(given.records, dynamics, [labels(name, law)], causes.CAUSES[name].reading)
+    right = labels(name, law) + [""] * causes.is_hidden(name, given)
+    return Case(given.records, dynamics, [right], causes.CAUSES[name].reading)
 
 
 TWO = (

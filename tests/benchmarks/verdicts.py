@@ -149,7 +149,7 @@ VIEWS = {
 
 def right(verdict, sentences):
     """Whether the right thing is said first; of several mistakes, whether each is said."""
-    texts = [sentence["text"] for sentence in sentences]
+    texts = [with_equals(sentence["text"]) for sentence in sentences]
     mistakes = verdict["right"]
     # of a right log every sentence is an accusation, but those that are its labels
     if mistakes[0][0] == "":
@@ -157,6 +157,17 @@ def right(verdict, sentences):
     if len(mistakes) > 1:
         return all(any(causes.names_it(text, labels) for text in texts) for labels in mistakes)
     return causes.names_it(texts[0] if texts else "", mistakes[0])
+
+
+def with_equals(text):
+    """A sentence whose causes that the log cannot tell apart are worded as themselves."""
+    _, _, rest = text.partition("The log cannot distinguish this from: ")
+    names = rest.partition(".")[0].split(", ") if rest else ()
+    return " ".join([text, *(EQUALS.get(name, "") for name in names)])
+
+
+EQUALS = {"exchanged references": "The references are exchanged."}
+"""The words of a cause, by its name among those that a sentence cannot tell apart."""
 
 
 def share(good, count):
