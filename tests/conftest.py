@@ -11,6 +11,10 @@ threshold and over all tests that were collected: it is done seldom, and leaves 
 
 import gc
 import os
+from pathlib import Path
+from zlib import crc32
+
+import pytest
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # read when numpy is loaded
 
@@ -50,7 +54,30 @@ LONGEST = (
 gc.set_threshold(50_000, 20, 50)
 
 
+SLOW = frozenset((Path(__file__).parent / "slow.txt").read_text(encoding="utf-8").splitlines())
+"""Tests that take long, by `tests/benchmarks/slow.py`."""
+
+
+def pytest_addoption(parser):
+    parser.addoption(
+        "--slow-part", metavar="K/N", help="run the K-th of N parts of slow.txt alone, K from 0"
+    )
+
+
+@pytest.hookimpl(tryfirst=True)  # before `-m` chooses
 def pytest_collection_modifyitems(config, items):
+    part = config.getoption("--slow-part")
+    if part:
+        k, n = map(int, part.split("/"))
+        chosen = [
+            item for item in items if item.nodeid in SLOW and crc32(item.name.encode()) % n == k
+        ]
+        config.hook.pytest_deselected(items=[item for item in items if item not in chosen])
+        items[:] = chosen
+    else:
+        for item in items:
+            if item.nodeid in SLOW:
+                item.add_marker(pytest.mark.slow)
     # Without workers the order of the command line stays.
     if not hasattr(config, "workerinput"):
         return

@@ -519,3 +519,16 @@ def test_a_face_exports_what_is_used_outside():
 )
 def test_the_scan_sees_what_goes_past_a_face(code, module, names):
     assert [name for _, _, name in past_a_face(code, module)] == names
+
+
+# -- slow tests ----------------------------------------------------------------------------------
+def test_the_table_of_slow_tests_names_tests_that_are_there():
+    gone = []
+    for row in (ROOT / "tests" / "slow.txt").read_text(encoding="utf-8").splitlines():
+        if row.startswith("#"):
+            continue
+        path, function = row.partition("[")[0].split("::")
+        defined = (ROOT / path).read_text(encoding="utf-8") if (ROOT / path).exists() else ""
+        if f"def {function}(" not in defined:
+            gone.append(row)
+    assert not gone, f"write the table anew by tests/benchmarks/slow.py: {gone}"

@@ -1,0 +1,88 @@
+"""Which tests are slow: their processor time, and the table `tests/slow.txt` of those that run apart.
+
+    python tests/benchmarks/slow.py [--longest 2.5] [--case 0.7] [--workers 2]
+
+Runs the whole suite, slow tests too, and writes the table anew: tests whose call takes `--longest` seconds of processor
+time, those of child processes included; and of a test with several cases those that take `--case` seconds, but the
+quickest one. `pytest` leaves out what the table names, `pytest -m slow` runs it, and each run of CI takes a sixteenth of
+it (`--slow-part`).
+"""
+
+import argparse
+import os
+import resource
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+TABLE = ROOT / "tests" / "slow.txt"
+HEADER = """\
+# Tests that `pytest` leaves out, since they take long: `pytest -m slow` runs them, and CI a part.
+# Written by tests/benchmarks/slow.py from the processor time of each test.
+"""
+TIMES = "ONEPULSE_TEST_TIMES"
+"""The folder in which workers write the times of their tests."""
+
+
+def processor_seconds():
+    """Processor time of this process and of children that have ended [s]."""
+    usages = map(resource.getrusage, (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))
+    return sum(usage.ru_utime + usage.ru_stime for usage in usages)
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_call(item):
+    """Write the processor time of a test."""
+    begun = processor_seconds()
+    try:
+        return (yield)
+    finally:
+        seconds = processor_seconds() - begun
+        with (Path(os.environ[TIMES]) / str(os.getpid())).open("a") as file:
+            file.write(f"{seconds:.3f} {item.nodeid}\n")
+
+
+def measured(workers):
+    """Processor time [s] of every test, by its name."""
+    with tempfile.TemporaryDirectory() as folder:
+        places = [str(Path(__file__).parent), os.environ.get("PYTHONPATH", "")]
+        environment = os.environ | {TIMES: folder, "PYTHONPATH": os.pathsep.join(places)}
+        command = [sys.executable, "-m", "pytest", "-p", "slow", "-m", "", "-n", str(workers)]
+        subprocess.run(command, cwd=ROOT, env=environment, check=False)  # noqa: S603
+        rows = [row for file in Path(folder).iterdir() for row in file.read_text().splitlines()]
+    return {name: float(seconds) for seconds, name in (row.split(" ", 1) for row in rows)}
+
+
+def slow(seconds, longest, case):
+    """Names of the tests that run apart."""
+    names = {name for name, time in seconds.items() if time >= longest}
+    cases = {}
+    for name in seconds:
+        if "[" in name:
+            cases.setdefault(name.partition("[")[0], []).append(name)
+    for of_test in cases.values():
+        _, *others = sorted(of_test, key=seconds.get)
+        names.update(name for name in others if seconds[name] >= case)
+    return sorted(names)
+
+
+def main():
+    """Measure the tests, and write the table."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--longest", type=float, default=2.5)
+    parser.add_argument("--case", type=float, default=0.7)
+    parser.add_argument("--workers", type=int, default=2)
+    options = parser.parse_args()
+    seconds = measured(options.workers)
+    names = slow(seconds, options.longest, options.case)
+    TABLE.write_text(HEADER + "".join(f"{name}\n" for name in names), encoding="utf-8")
+    apart = sum(seconds[name] for name in names)
+    print(f"{len(names)} of {len(seconds)} tests, {apart:.0f} of {sum(seconds.values()):.0f} s")
+
+
+if __name__ == "__main__":
+    main()
