@@ -1,5 +1,6 @@
 """Laws that repeat a log's torque or current in open loop; commands of a law without memory."""
 
+import functools
 from typing import Any
 
 import casadi as ca
@@ -8,7 +9,7 @@ from numpy.typing import NDArray
 
 from plant.laws.law import Setpoint, StatelessLaw, Step, block_of
 from plant.machine import Rig
-from plant.parts import part, structure
+from plant.parts import evaluated, part, structure
 
 
 class _OfMotors(StatelessLaw):
@@ -95,7 +96,17 @@ class LoggedCurrent(_OfMotors):
 
 
 # Samples in one call of casadi, chosen by hand: it bounds the memory, and changes no result.
-_SAMPLES_PER_CALL = 1 << 14
+_SAMPLES_PER_CALL = 1000
+
+
+# A checkup tries hundreds of other laws on one log.
+@functools.lru_cache(maxsize=8)
+def _of_samples(step: str) -> ca.Function:
+    """Steps of many samples; `step` is serialised, the same for laws that differ in numbers."""
+    function = ca.Function.deserialize(step)
+    columns = ("reference_pulses", "pulses")
+    others = [i for i, name in enumerate(function.name_in()) if name not in columns]
+    return function.map("samples", "serial", _SAMPLES_PER_CALL, others, [])
 
 
 def commanded_torque(record: Any, at: Any = None) -> NDArray[np.float64] | None:
@@ -117,12 +128,14 @@ def commanded_torque(record: Any, at: Any = None) -> NDArray[np.float64] | None:
         reference, counts = reference[at], counts[at]
     # A law without memory reads counts and reference pulses only: speeds and the last torque are
     # zeros here.
-    torque = np.empty(counts.shape)
+    along = _of_samples(block.step.serialize())
     zero = np.zeros(record.n)
-    # One sample is one column: casadi maps the step over the columns of a matrix.
-    for start in range(0, len(counts), _SAMPLES_PER_CALL):
-        rows = slice(start, start + _SAMPLES_PER_CALL)
-        inputs = zero, zero, zero, reference[rows].T, counts[rows].T, zero
-        commanded, _ = block.step([], *inputs, rig.period, block.values)
-        torque[rows] = commanded.full().T
-    return torque
+    # The function takes a fixed number of samples; the last call repeats the last one.
+    calls = -(-len(counts) // _SAMPLES_PER_CALL)
+    rows = np.minimum(np.arange(calls * _SAMPLES_PER_CALL), len(counts) - 1)
+    torque = np.empty((rows.size, record.n))
+    for call in rows.reshape(calls, _SAMPLES_PER_CALL):
+        inputs = zero, zero, zero, reference[call], counts[call], zero
+        commanded, _ = evaluated(along, np.empty(0), *inputs, rig.period, block.values)
+        torque[call[0] : call[0] + _SAMPLES_PER_CALL] = commanded
+    return torque[: len(counts)]
