@@ -1,7 +1,8 @@
-"""What undoes each mistake in how a log or a chain is stated, and the sizes that a log suggests.
+"""Functions that undo a mistake in the statement of a log or a chain, or suggest its size.
 
-A function of an equation, joints and a size gives the equation without the mistake. One of an
-equation and joints gives sizes, or sizes with how much likelier each makes the log.
+A function with the arguments `equation`, `joints` and `size` returns the equation without the
+mistake. One without `size` returns the sizes that the log suggests, some of them with evidence:
+the logarithm of how much likelier a size makes the log.
 """
 
 import math
@@ -43,13 +44,14 @@ def gravity_times(equation, joints, size):
 
 
 def weighed(equation, joints, size):
-    """Without gravity, or beside so much of what the stated bodies weigh."""
+    """Without gravity if `size` is 0; else with `size` times the stated bodies' weight added."""
     if not size:
         return equation.restated(gravity=0.0)
     dynamics = equation.dynamics
     resting = Motion(equation.motion.q, *2 * [0 * equation.motion.q])
     Y = regressor_along(dynamics, equation.rig, dynamics.names, resting)[0]
-    # In the unit of the log: an added torque that is explained would make the rest look smaller.
+    # Residuals keep the log's unit: the added torque, which is well explained, would enlarge the
+    # unit and so make the residuals look smaller.
     heavier = equation.restated(unit=1 / np.maximum(equation.of_joints[2].max(axis=0), 1e-300))
     return heavier.with_columns(equation.columns, equation.needed).with_torque(
         equation.torque + size * Y @ dynamics.f()
@@ -57,7 +59,7 @@ def weighed(equation, joints, size):
 
 
 def removals(equation, joints):
-    """Gravity of any bodies that is taken out, or that of the stated ones."""
+    """Sizes for `weighed`: 0 removes gravity, and 1 adds the weight of the bodies, if stated."""
     return (0.0,) if equation.needed is None else (0.0, 1.0)
 
 
@@ -87,7 +89,7 @@ def without_friction(equation, joints, size):
 
 
 def frictionless(equation, joints):
-    """Share of logged torques [%] that is friction, and the odds for none."""
+    """Friction's share of logged torques [%], if below the expected one, and the evidence."""
     return () if equation.commanded else _less_friction(equation)
 
 
@@ -111,7 +113,7 @@ def scaled(equation, joints, size):
 
 
 def scales(equation, joints):
-    """The torques in units of those that the stated bodies need, and the odds for that factor."""
+    """The ratio of the torques to those that the stated bodies need, and its evidence."""
     if equation.needed is None or not equation.scale:
         return
     # Bodies that are all wrong by as much as is usual are no other unit.
@@ -122,7 +124,7 @@ def scales(equation, joints):
 
 
 def units(equation, joints):
-    """Units in radians that leave a motion as a log for an identification has one."""
+    """Units per radian (degrees, turns) that leave enough motion for an identification."""
     reach = np.rad2deg(np.ptp(equation.motion.q, axis=0).max())
     return tuple(unit for unit in (180 / np.pi, 0.5 / np.pi) if reach / unit > SETTINGS.reach)
 
@@ -210,7 +212,7 @@ def late_positions(equation, joints, size):
 
 
 def torques_lateness(equation, joints):
-    """Times [ms] by which torques may be late, and how much closer each joint follows then."""
+    """Times [ms] by which logged torques may be late, and the evidence, summed over the joints."""
     return [] if equation.commanded else _latenesses(equation, joints, 1)
 
 
@@ -225,10 +227,10 @@ def positions_lateness(equation, joints):
 
 
 def _latenesses(equation, joints, sign):
-    """Times [ms] by which the torques may be late, or early by `sign`, and their evidence.
+    """Times [ms] by which torques may be late (`sign` 1) or early (`sign` -1), and their evidence.
 
-    A joint with little friction shows the time; one that friction alone moves does not, and
-    leaves most.
+    Each joint counts by the logarithm of its residual. A joint with little friction reveals the
+    time; one whose torque is mostly friction does not, and it has the largest residual.
     """
 
     def joint_by_joint(equation):
@@ -240,7 +242,7 @@ def _latenesses(equation, joints, sign):
     for size in SETTINGS.late:
         if sign * size < 0:
             continue
-        # Loggers are late by a sample, and hold torques for one.
+        # A shift of less than two samples is no mistake: a logger may lag and hold by one each.
         if not 2 <= abs(_samples(equation, size)) <= margin:
             continue
         gain = as_stated - joint_by_joint(in_time(equation, joints, size))

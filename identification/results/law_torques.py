@@ -1,8 +1,8 @@
-"""Torques by which another law would have moved the arm differently along the counts of a log.
+"""The changes of torque that another law would make along the counts of a log.
 
-Laws with memory that read their log (`AlongLog`) are run along it once more, as another variant or
-with another gain; the difference of both torques is the effect. A law without memory commands a
-torque that follows from each sample alone.
+A law with memory that reads its log (`AlongLog`) runs along the log once more: as another variant,
+with another gain or with a derivative. The difference between the two torques, per unit of the
+change, is the effect. A law without memory needs no second run: each sample determines its torque.
 """
 
 from collections.abc import Callable, Iterator
@@ -18,31 +18,32 @@ from plant.laws import AlongLog, commanded_torque, variants
 from plant.parts import Floats
 from plant.simulation import run_law
 
-# Share of a gain by which it is changed, so small that a law which limits its torque stays linear.
+# Relative change of a gain. It is so small that its effect is linear even if the law limits its
+# torque.
 _SMALL = 0.01
 
-# Lead [s] of a law's torque at which its effect is taken; it acts linearly.
+# Derivative that is tried, per unit of the proportional gain [s]. Its effect is linear.
 _LEAD = 1e-3
 
 # Shares of the largest commanded torque at which a limit is tried; chosen by hand. Far lower ones
 # leave no fit that follows the log: `identification.equation_error.restated` finds these.
 _SHARES = (0.6, 0.75, 0.9)
 
-# Names, laws and sizes of other laws than a stated one; a torque is that of a unit of size.
+# A function of the stated law and the number of joints. It yields the name of each other law, that
+# law and the size of its change; `_changes` divides the change of torque by this size.
 _Others: TypeAlias = Callable[[AlongLog, int], Iterator[tuple[str, AlongLog, float]]]
 
 
 def lead(at: Optimum) -> dict[str, list[Floats]]:
-    """Torques (N, n) [N m] along each record per second of the rate of a law's error.
+    """Torques (N, n) [N m] along each record that a derivative adds, per second of lead.
 
-    ``lead[i]``: the derivative of joint i, in units of its proportional gain.
+    ``lead[i]``: the lead is the derivative gain of joint i, divided by its proportional gain.
     """
     if all(map(_reads_its_log, at.model.records)):
         return _changes(at, _with_derivatives)
     rates = []
     for record in at.model.records:
-        # A derivative in the law adds the rate of its torque. Without a commanded torque there is
-        # none.
+        # A derivative adds the rate of the commanded torque, and zero where that is unknown.
         commanded = commanded_torque(record)
         rates.append(0 * record.counts if commanded is None else smoothed(record, commanded).qd)
     return {
@@ -54,8 +55,8 @@ def lead(at: Optimum) -> dict[str, list[Floats]]:
 def other_variants(at: Optimum) -> dict[str, list[Floats]]:
     """Torques (N, n) [N m] along each record by which each variant of its law differs.
 
-    ``variant.integration='forward'``, which is 1 where that made the log. None of laws that do not
-    read their log.
+    The coefficient of ``variant.integration='forward'`` is 1 where that variant made the log. The
+    result is empty unless every law reads its log.
     """
     return _changes(at, _with_variants)
 
@@ -121,7 +122,7 @@ def _with_variants(law, n):
 
 
 def _begun_as(law, variant, n):
-    """State (s,) of a variant that began as a law did; what that has not begins by itself."""
+    """State (s,) of a variant: the law's memory, or the initial value where the law has none."""
     # Variants share most of their memory: an integral, a filter, the last error.
     begins = variant.fields.read(variant.initial_state(n), n)._asdict()
     memory = law.law.fields.read(law.state, n)._asdict()
@@ -132,19 +133,19 @@ def _begun_as(law, variant, n):
 def _with_gains(law, n):
     """A law with another gain of one joint, for each gain."""
     for name, value in law.law.numbers().items():
-        # Numbers of an arm and a rig within a law are no gains (``arm.f[0]``). Those of filters and
-        # observers have no joint: they explain the noise of any other cause, and friction that
-        # drifted was taken for a bandwidth 31 % lower.
+        # Numbers of an arm or a rig in a law, such as ``arm.f[0]``, are not gains. Numbers without
+        # a joint, those of filters and observers, are left out, since they would explain effects of
+        # other causes: drifting friction once looked like a bandwidth that was 31 % lower.
         if value and "[" in name and "." not in name:
             yield f"controller.{name}", _with_number(law, name, (1 + _SMALL) * value), _SMALL
 
 
 def _with_derivatives(law, n):
-    """A law with a derivative of one joint, for each joint that states none."""
+    """The law with a derivative added at one joint, for each joint whose derivative is zero."""
     numbers = law.law.numbers()
     for joint in (f"[{i}]" for i in range(n)):
         # A derivative that is stated is a gain like others.
-        if numbers.get(f"derivative{joint}") == 0 and f"gain{joint}" in numbers:
+        if numbers.get(f"derivative{joint}") == 0 and numbers.get(f"gain{joint}"):
             derivative = _LEAD * numbers[f"gain{joint}"]
             yield f"lead{joint}", _with_number(law, f"derivative{joint}", derivative), _LEAD
 

@@ -1,11 +1,15 @@
-"""Which tests are slow: their processor time, and the table `tests/slow.txt` of those that run apart.
+"""Measure the processor time of each test, and list the slow tests in `tests/slow.txt`.
 
     python tests/benchmarks/slow.py [--longest 2.5] [--case 0.7] [--workers 2]
 
-Runs the whole suite, slow tests too, and writes the table anew: tests whose call takes `--longest` seconds of processor
-time, those of child processes included; and of a test with several cases those that take `--case` seconds, but the
-quickest one. `pytest` leaves out what the table names, `pytest -m slow` runs it, and each run of CI takes a sixteenth of
-it (`--slow-part`).
+The script runs the whole suite, with the slow tests, and replaces the table. The table names
+
+- each test or case whose call takes at least `--longest` seconds of processor time, and
+- each case that takes at least `--case` seconds, except the quickest case of its test.
+
+The processor time includes that of child processes, but not that of fixtures. `pytest` leaves out
+what the table names, `pytest -m slow` runs it, and each run of CI takes a sixteenth of it
+(`--slow-part`).
 """
 
 import argparse
@@ -25,18 +29,18 @@ HEADER = """\
 # Written by tests/benchmarks/slow.py from the processor time of each test.
 """
 TIMES = "ONEPULSE_TEST_TIMES"
-"""The folder in which workers write the times of their tests."""
+"""The environment variable that names the folder in which workers write their tests' times."""
 
 
 def processor_seconds():
-    """Processor time of this process and of children that have ended [s]."""
+    """Processor time [s] of this process and of the children that it has waited for."""
     usages = map(resource.getrusage, (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))
     return sum(usage.ru_utime + usage.ru_stime for usage in usages)
 
 
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_call(item):
-    """Write the processor time of a test."""
+    """Append the processor time of a test's call to the file of this process."""
     begun = processor_seconds()
     try:
         return (yield)
@@ -47,18 +51,20 @@ def pytest_runtest_call(item):
 
 
 def measured(workers):
-    """Processor time [s] of every test, by its name."""
+    """Processor time [s] of the call of every test that ran, by the name of the test."""
     with tempfile.TemporaryDirectory() as folder:
         places = [str(Path(__file__).parent), os.environ.get("PYTHONPATH", "")]
         environment = os.environ | {TIMES: folder, "PYTHONPATH": os.pathsep.join(places)}
         command = [sys.executable, "-m", "pytest", "-p", "slow", "-m", "", "-n", str(workers)]
-        subprocess.run(command, cwd=ROOT, env=environment, check=False)  # noqa: S603
+        done = subprocess.run(command, cwd=ROOT, env=environment, check=False)  # noqa: S603
+        if done.returncode not in (0, 1):  # 1: tests failed, and have times all the same
+            raise SystemExit(f"pytest ended with {done.returncode}; the table stays as it is.")
         rows = [row for file in Path(folder).iterdir() for row in file.read_text().splitlines()]
     return {name: float(seconds) for seconds, name in (row.split(" ", 1) for row in rows)}
 
 
 def slow(seconds, longest, case):
-    """Names of the tests that run apart."""
+    """Sorted names of the tests that the table lists, from the times [s] by name."""
     names = {name for name, time in seconds.items() if time >= longest}
     cases = {}
     for name in seconds:
