@@ -34,12 +34,12 @@ from plant.simulation import with_path
 
 @frozen_settings
 class LogSettings:
-    """Limits below which a log is refused; chosen by hand.
+    """Limits beyond which a log is refused; chosen by hand.
 
     Parameters
     ----------
     samples : int
-        Samples at least: fewer hold no oscillation of a position loop that stands out from noise.
+        Least number of samples: in fewer, no oscillation of a position loop stands out from noise.
     saturated : float
         Share of the samples at the amplifier's limit above which the torque is not that of the law.
     periods : float
@@ -66,8 +66,8 @@ def require_informative(record: Record, labels: Sequence[str], *, prior: bool = 
             f"a log must have at least {SETTINGS.samples} samples; got {len(record)}. Log longer."
         )
     _require_unsaturated(record, labels)
-    # A loop with a memory is damped, and its pass band that of the path; a logged torque shows the
-    # inertias where it accelerates the arm. Neither needs an oscillation.
+    # A loop whose law has a memory is damped, and its pass band is that of the path. A logged
+    # torque shows the inertias where it accelerates the arm. Neither log needs an oscillation.
     law = record.law
     if law is not None and (law.has_memory(record.n) or law.replays in ("torque", "current")):
         return
@@ -164,7 +164,7 @@ def prepare(
         searched, validation, unknown = _by_direction(dynamics, searched, validation, unknown)
     _require_room(dynamics, (*searched, *validation), unknown, method)
 
-    # 2. The objective, and logs under laws with memory as replays of their torque.
+    # 2. The objective, and the logs as `told_by_torque` or `along_log` prepares them for a search.
     objective = Objective(dynamics, searched, unknown, **options)
     # A law with unknown gains cannot be run along the log beforehand.
     of_law = any(name.startswith("law.") for name in objective.unknown)
@@ -175,7 +175,7 @@ def prepare(
         for record, state in zip(objective.records, told, strict=True)
     )
     labels = dynamics.chain.joint_labels
-    # Checked as they are followed: the torque of a law counts like a logged one.
+    # The check takes the logs in this form, in which the torque of a law counts like a logged one.
     naming.of_each(
         lambda record: require_informative(record, labels, prior=of_f is not None), followed
     )
@@ -204,9 +204,9 @@ def prepare(
         memories=tuple(state and state[1] for state in told) if any(told) else (),
     )
 
-    # 3. Combinations that no method can identify.
+    # 3. Combinations that the method or the log cannot identify.
     _require_possible(problem)
-    # Not an error: a prior, or unknowns of the rig alone, may need no more.
+    # This is no error: with a prior, or with unknowns of the rig alone, the log may suffice.
     if joints := unexcited(dynamics, followed):
         warn(
             f"identify: the log does not excite all: {', '.join(joints)}."
@@ -256,9 +256,10 @@ def _left_open(records, labels):
 
 
 def _held(dynamics, records, unknown, prior):
-    """Whether the torques of the logs are held for a sample; None where that changes nothing.
+    """Whether the torques of the logs are held for a sample.
 
-    The better explanation is taken: both have the same unknowns.
+    The assumption that explains the torques better is taken: both have the same unknowns. The
+    answer is None where no log leaves this open, or where no band has a fit of both.
     """
     held, sampled = ([_with_held(record, held) for record in records] for held in (True, False))
     if all(map(operator.is_, held, records)):
@@ -284,9 +285,10 @@ def _with_held(record, held):
 
 
 def _by_direction(dynamics, searched, validation, unknown):
-    """Records and unknowns with the friction by direction that logged torques have evidence of.
+    """Records and unknowns, with friction by direction where the logged torques show it.
 
-    Those of logs that repeat their torques, where the rig leaves its Coulomb friction open.
+    They change only if all searched logs replay their torques or currents, and the rig leaves its
+    Coulomb friction open.
     """
     drive = searched[0].rig.drive
     torques = all(
@@ -339,8 +341,8 @@ def _require_room(dynamics, records, unknown, method):
     numbers = len(unknown) if isinstance(unknown, Sequence) else dynamics.p
     # Records held out are simulated, and count as well.
     samples = sum(len(record) for record in records)
-    # Peak of a sample, measured for two and for six joints: tables and two copies of the regressor,
-    # or, with methods that follow the counts, about three of all sensitivities.
+    # Peak memory for a sample, measured for two and for six joints: tables, and two copies of the
+    # regressor or, with methods that follow the counts, 3.5 copies of all sensitivities.
     follows = method not in ("paper", "equation_error")
     sensitivities = 3.5 * (numbers + 2 * n) if follows else 2.0 * numbers
     require_room(

@@ -74,22 +74,23 @@ def identify(
 ) -> Identification:
     """Find the parameters with which the model repeats the tracking errors of the robot.
 
-    Steps 1-6 of 3.2: the robot has followed a trajectory under P control (1) and its errors are in
-    the record (2); a population is drawn from the ranges (3), evaluated by objective (4), and
-    evolved (5); the best individual of all generations is the result (6). That is
-    ``method="paper"``. By default the ranges are drawn around a fit of the torque equation to the
-    counts, and the best individual is the start of a prediction-error fit.
+    ``method="paper"`` takes steps 1-6 of section 3.2 of the paper: the robot has followed a
+    trajectory under P control (1) and its errors are in the record (2); a population is drawn from
+    the ranges (3), evaluated by objective (4), and evolved (5); the best individual of all
+    generations is the result (6). The default method places the ranges around a fit of the torque
+    equation to the counts, and starts a prediction-error fit from the best individual.
 
     Parameters
     ----------
     dynamics : Dynamics
-        The equations with f open.
+        The equations of motion, in which the parameters f of the arm are unknown.
     records : Record or sequence of Record
         From `plant.simulate` or one of `Record`'s readers. Of a log under a law without memory only
-        pulses are read; of other laws the logged torques or currents, or, where there are none, the
-        torques of the law along reference and counts. `LoggedTorque` and `LoggedCurrent` repeat
-        theirs. Values are fitted to all samples; of a record of more than 50,000 the genetic
-        algorithm and the tests of the rig take 20 parts of 2,500, spread over it.
+        pulses are read. A sampled law with memory is replaced by the logged torques or currents if
+        all its numbers are known; where none are logged, its torques are computed along reference
+        and counts. `LoggedTorque` and `LoggedCurrent` repeat what their log holds. Values are
+        fitted to all samples; but of a record of more than 50,000 samples, the genetic algorithm
+        and the tests of the rig take only 20 parts of 2,500 samples, spread over the record.
     seed : int
         Same seed, same result, to the bit, on any number of threads.
     method : {"seeded", "paper", "equation_error", "output_error", "prediction_error"}
@@ -112,18 +113,19 @@ def identify(
     settings : GeneticSettings, optional
         By default `GeneticSettings.paper()`.
     steps_per_sample : int
-        Sub-steps of the model between two samples, at first. The default method takes more as long
-        as more sub-steps change its innovations by more than a small part of the rounding error.
+        Number of sub-steps of the model between two samples, at first. The default method adds
+        sub-steps until a further increase changes its innovations (errors of its predictions) by no
+        more than a small part of the rounding error.
     sweeps : int
-        Sweeps of its friction law in each sub-step.
+        Number of sweeps of the model's friction law in each sub-step.
     threads : int, optional
         By default one per core.
     held_out : Record or sequence of Record, optional
         Records that are not fitted: the result is only tested on them. By default this is the last
         of several records; with ``method="paper"`` there is none. Give () to fit all records.
     zeros : bool
-        In logs that replay their torque: the counters were set to zero where the arm happened to
-        hang, so the positions of the joints then are unknown as well, for each record
+        For logs that replay their torque: the counters were set to zero where the arm happened to
+        hang. The joint positions at that moment are then further unknowns of each record
         (``found.fit.zeros``). Held-out records are taken as they are.
     elasticity : bool
         Find stiffness and damping of all gears too, whatever the rigs state:
@@ -131,20 +133,22 @@ def identify(
     tolerances : Tolerances, optional
         How far the values stated in the rigs may be from the truth. The intervals of the result
         include this uncertainty. ``Tolerances.none()`` takes the rigs as exact.
-    prior : float, or tuple of bodies or f and a float, optional
+    prior : float, (bodies, float), (f, float) or Prior, optional
         Knowledge of f before the log, for the part of f that the log does not excite: the relative
         standard deviation of the chain's own bodies, as 0.3; or ``(bodies, 0.3)`` of other bodies,
         one `Body` per link; or ``(f, 0.3)``. The result lists the combinations of f that come from
-        it (``found.fit.prior``). By default the chain's own bodies, to 0.3, and only where a joint
-        hardly moves, or no arm follows from the log alone; that is a warning.
+        it (``found.fit.prior``). The default is the chain's own bodies, to 0.3, and is used only
+        where a joint hardly moves, where no arm follows from the log alone, or where the search
+        falls back to a rougher method; a warning says so.
     hypotheses : sequence of Hypothesis
         Mistakes of your own in the first record, as ``record.check(hypotheses=...)`` takes them;
         here the equation of motion of the arm judges them too. Those that explain the log better
         are among ``found.causes``; one that changes nothing, or cannot be undone in this log, is
         named in ``found.failed`` and left out.
     checkpoint : str or Path, optional
-        File in which finished stages are stored: killed and called again with it, the work goes on,
-        to the same bits. A file of other inputs, versions or another processor is refused.
+        File in which finished stages are stored. If the process is killed, a new call with this
+        file continues the work, and gives the same bits. A file that belongs to other inputs, other
+        versions or another processor is refused.
 
     Returns
     -------
@@ -209,7 +213,7 @@ def identify(
         with Checkpoint(checkpoint, "identify").bind(lambda: problem.inputs) as stored:
             problem = replace(problem, checkpoint=stored)
             result = _with_hypotheses(problem, hypotheses, bar, started)
-        # Once, at the end: with a prior `_identified` runs a second time.
+        # The warnings come once, at the end, because `_identified` can run again with a prior.
         with _part(bar, "warnings"):
             warn_of_doubts(result, "identify")
     return result
@@ -257,7 +261,7 @@ def _identified(problem: Problem, bar: ProgressBar, started: float) -> Identific
         if cause := _likely_cause(problem):
             raise ValueError(f"{cause} Correct that first; as it is, {error}") from error
         raise
-    # The search fell back to a rougher method: a prior of the model's own bodies may do better.
+    # If the search fell back to a rougher method, the model's own bodies as a prior may do better.
     if result.fit.fallback_reason is None:
         return result
     with_prior = _beside_model(problem, bar, started)
@@ -279,7 +283,7 @@ def _beside_model(problem: Problem, bar: ProgressBar, started: float) -> Identif
     with contextlib.suppress(ValueError):
         problem = replace(problem, prior=prior, checkpoint=part)
         result = _identified(problem, bar, started)
-        # A result with doubts would hide the reason why the log alone gives none.
+        # A result with doubts would hide the reason why the log alone does not suffice.
         if not doubts(result):
             text = advice(dynamics, records, prior)
             warn(f"identify: no arm follows from the log alone. {text}")

@@ -35,11 +35,12 @@ class AdviceSettings:
     f_share_of_all : float
         Part of the whole variance that f must explain besides.
     friction_remaining : float
-        Part of the failures that may remain with friction identified, if friction decides.
+        Friction decides if less than this part of the failures remains with friction identified.
     nominal_failures : float
-        Probability of failure above which the nominal arm is not examined further.
+        Probability of failure above which the nominal arm on gears is not reported, and friction
+        may decide whatever the order of the sensitivities.
     tolerances : float
-        Part of the variance of a value that tolerances must be, so that they are what to state.
+        The advice is to state tolerances if they cause more than this part of a value's variance.
     influences : int
         Rows of the table of sensitivities.
     """
@@ -54,7 +55,7 @@ class AdviceSettings:
 
 SETTINGS = AdviceSettings()
 
-# The start of a certificate from a hold, in its verdict.
+# Words that a verdict adds if its motion starts from a hold.
 _FROM_HOLD = " from a hold, static friction anywhere inside its cone"
 
 # Advice that `tune` leaves out: it has just searched.
@@ -64,7 +65,7 @@ SEARCH = (
 
 
 def _exceeding(certificate: Any, failing: str, holding: str) -> str:
-    """How many samples exceed the limit, after the start and with it, and the bound.
+    """Say how many samples exceed the limit, without and with the start, and state the bound.
 
     `failing` follows the limit where samples exceed it, `holding` where none does.
     """
@@ -183,7 +184,7 @@ def shown(certificate: Any) -> Iterator[Piece]:
     peak = f"peak {worst.peak:.0f} pulses" if np.isfinite(worst.peak) else "diverges"
     rows.append(("worst sample", f"number {worst.index}, {peak}"))
     # 2. Rows with a number for each joint.
-    # "higher" names an error that a sample has, also where the neighbour is infinite.
+    # "higher" takes the error of one sample; it does not interpolate to an infinite neighbour.
     high_quantile = np.quantile(runs.unrounded, 0.99, axis=0, method="higher")
     pulses = "{:.2f}".format
     unrounded = runs.unrounded
@@ -275,8 +276,8 @@ def shown_set(certificates: Any) -> Iterator[Piece]:
         return
     on_gears = [certificate for certificate in certificates.values() if certificate.on_gears]
     if on_gears:
-        # All motions must hold: the one with the highest lowest resonance decides.
-        hardest = max(on_gears, key=lambda certificate: certificate.on_gears.hz)
+        # All motions must hold: the one that needs the stiffest gears decides, as far as is known.
+        hardest = max(on_gears, key=lambda x: np.nan_to_num(x.on_gears.hz, nan=0.0, posinf=np.inf))
         unseen = _unseen(hardest, hardest.on_gears.hz)
         yield f"rigid gears assumed; the nominal arm, in all motions, {hardest.on_gears}.{unseen}"
 
@@ -303,14 +304,15 @@ def _explained(certificate: Any) -> Iterator[Piece]:
     share = plants.projected / len(plants)
     if share:
         yield (
-            f"{share:.0%} of the samples were moved towards the identified arm, until they are arms"
+            f"{percent(share)} of the samples were moved towards the identified arm, until they are"
+            " arms"
         )
     for title, names in zip(("sampled", "not sampled"), plants.said, strict=True):
         yield f"{title}: {', '.join(names)}"
 
 
 def _advice(certificate: Any) -> Iterator[str]:
-    """What to do where samples exceed the limit, the first remedy that applies."""
+    """What to do where samples exceed the limit: about torque, else friction, else f and search."""
     # 1. Beyond the motors' torque neither knowledge nor control helps.
     beyond = _beyond_motors(certificate)
     if beyond:
@@ -325,14 +327,15 @@ def _advice(certificate: Any) -> Iterator[str]:
         )
         yield f"uncertain friction decides: with friction identified from this log, {advice}"
         return
-    # 3. Better f needs more logs, or 4. another controller a search. f decides if it explains
-    # both most of the explained variance and enough of the whole.
+    # 3. If f decides, advise how to narrow it. 4. In any case, advise a search for a controller.
+    # f decides if it explains both most of the explained variance and enough of the whole.
     influences = certificate.sensitivities
     names = certificate.plants.arm.dynamics.names
     of_f = sum(x.share for x in influences if x.name in names)
     explained = sum(x.share for x in influences)
     if of_f > max(SETTINGS.f_share * explained, SETTINGS.f_share_of_all):
-        yield f"the uncertainty of f decides: {_narrower(certificate, influences[0].name)}"
+        largest = next(x.name for x in influences if x.name in names)
+        yield f"the uncertainty of f decides: {_narrower(certificate, largest)}"
     yield SEARCH
 
 
@@ -377,7 +380,7 @@ def _friction(certificate: Any) -> float | None:
     # Where most samples exceed the limit, the order of the sensitivities says little.
     if not decides and certificate.probability <= SETTINGS.nominal_failures:
         return None
-    # It runs 400 samples again, so only where friction may decide.
+    # `friction_known` runs 400 samples again, so it is read only where friction may decide.
     remaining: float | None = certificate.friction_known
     if remaining is None:
         return None

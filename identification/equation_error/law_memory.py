@@ -2,8 +2,8 @@
 
 The torque of such a law can be computed once its state before the log's first sample is known. A
 log that begins in the middle of a motion does not contain this state. Yet the state acts on the
-torque, and that of an integral acts as long as the log lasts. Here the state is fitted together
-with f, by the torque equation, in the directions that are visible in the torque.
+torque, and the state of an integral does so as long as the log lasts. Here the torque equation fits
+the state together with f, the parameters of the arm, in the directions that the torque shows.
 """
 
 from collections.abc import Iterable
@@ -23,8 +23,9 @@ from plant.machine import InnerLoop
 from plant.parts import Floats, frozen, frozen_settings, least, norm, product, triangle
 from plant.simulation import Clock, LawRun, run_from, run_law
 
-# Number of first samples in which the torque made by a state is ignored: there it looks like the
-# torque of an arm that began elsewhere.
+# Number of first samples that are not used to find directions of a state: there, the torque made by
+# a state looks like the torque of an arm that began elsewhere. `_before` makes as many samples, and
+# `passes_start` fits parabolas to one sample more.
 FADED = 30
 
 
@@ -32,7 +33,7 @@ FADED = 30
 class LawMemorySettings:
     """How the state of a law is fitted; chosen by hand.
 
-    Relative numbers are shares of the largest magnitude in the run.
+    A number called relative is a share of the largest magnitude in the run.
 
     Parameters
     ----------
@@ -45,23 +46,26 @@ class LawMemorySettings:
         Largest distance of the counts from their line [pulses] that does not count as a bend.
         Rounding alone makes 1; a joint of log 11 of ``any_rig.py --period 0.005`` is 170 off.
     initial_torque : float
-        Largest excess of the torque that a change of state makes in the first samples over that
-        which it makes later, relative.
+        A change of state is reduced until its largest torque in the first samples exceeds its
+        largest later torque by no more than this, relative.
     finer : float
         Ratio of knots of a second reference to those of the first; both are rebuilt from counts.
     hidden : float
-        Largest relative difference (rms) between the torques of these two references.
+        Largest difference between the torques of these two references: its rms, as a share of the
+        rms of the torque.
     rounds : int
-        Fits of the state: a law that saturates is not linear in it.
+        Number of fits of the state: where the law saturates, its torque is not linear in its state,
+        and one fit does not suffice.
     flag : float
-        Largest range of a state in the second half of a log at which it is a flag, relative.
+        A state is taken for a flag if its range in the second half of the log is at most this,
+        relative.
     step : float
-        Step of the derivatives by the state, relative.
+        Step of the derivatives by the state, as a share of the usual magnitude of the state.
     least_torque : float
         Share of the law's torque that a change of the state by its own size must exceed; otherwise
         the state is not fitted.
     deviation : float
-        Expected standard deviation of a state, relative.
+        Expected standard deviation of a state, as a share of `Memory.usual`.
     beside : float
         Margin on each side of the range of a state in the second half of a log, in widths of that
         range. A law whose first state lies outside this margin began with the log.
@@ -170,7 +174,8 @@ def closed(record: Record) -> Record:
     """The record of `along_log`, in which an inner loop reads the simulated arm again.
 
     An inner loop reads its counts many times per sample, and the steps of its goal bend the motion
-    between rows. Its memory needs no state: it begins with the goal and the count at the start.
+    between rows. No state must be fitted for it: its memory begins with the goal and the count at
+    the start.
     """
     law = record.law
     if isinstance(law, AlongLog) and isinstance(law.law, InnerLoop):
@@ -225,12 +230,12 @@ def at_work(record: Record, law: Resumed) -> tuple[Record, Floats]:
 
 
 def passes_start(record: Record, memory: Memory) -> bool:
-    """Whether a law's state, later in its log, stays near the state that a start with the log has.
+    """Whether the state of a law that starts with its log comes near its first value again later.
 
     An integral that begins with the log climbs to the weight of the joint, and stays near it. The
     integral of a law that was at work holds this weight from the start. A light weight cannot be
-    told from the changes that friction makes; but when the controller begins to carry it, the
-    error bends more than at any later time.
+    distinguished from the changes that friction makes. But when the controller begins to carry a
+    weight, the error bends more than in the second half of the log; the answer is then False.
     """
     from scipy.signal import savgol_filter
 
@@ -334,7 +339,7 @@ def state_directions(
     scale = scale.copy()
     scale[varied] *= share
 
-    # 3. Principal directions of the torque, those that it shows, scaled to 1 N m.
+    # 3. Principal directions that the torque shows, each scaled to a torque of 1 N m.
     _, sizes, axes = np.linalg.svd(triangle(effects[faded * record.n :]))
     shown = sizes > SETTINGS.least_torque * norm(torque)
     unit = np.sqrt(torque.size) / sizes[shown]
@@ -355,7 +360,8 @@ def _fitted(dynamics, record, unknown, run, columns, deviations, bands):
     rig = record.rig
     torque = law_torque(record, run)
     fits = []
-    # The torque of a state is measured with the law's: it stands on the other side of the equation.
+    # The law's torque contains the torque of the state. As an unknown, that torque moves to the
+    # other side of the equation, and its sign changes.
     extra = {f"state[{i}]": lambda *_, column=column: -column for i, column in enumerate(columns)}
     for band in bands:
         try:

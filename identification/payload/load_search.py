@@ -1,8 +1,8 @@
 """Prediction-error fit of a load on a known arm, with unknown friction beside it.
 
-It shares with the fit of f (`identification.search`) the laws, run along their logs from a state
-that may be unknown, the start from the torque equation, and Gauss-Newton on the innovations. Here f
-is that of the known arm plus increments, which are functions of a few numbers of the load.
+Like the fit of f (`identification.search`), it runs the laws along their logs from a state that may
+be unknown, starts from the torque equation, and applies Gauss-Newton to the innovations. Here f is
+that of the known arm plus increments, which are functions of a few numbers of the load.
 """
 
 from dataclasses import replace
@@ -69,7 +69,7 @@ class WithLoad(WithPrior):
         nuisances = prediction.unknown[len(search.f) + len(friction) :]
         unknown = (*map(spoken, search.load.names), *friction, *nuisances)
         self._gains = sum("correction." in name for name in unknown)
-        # An infinite deviation is no prior; friction without a deviation is fixed.
+        # Friction with an infinite deviation has no prior; friction with a deviation of 0 is fixed.
         self._priors = np.flatnonzero(np.isfinite(search.deviation) & (search.deviation > 0))
         # Rounding is the noise until a fit shows more.
         # The fit sees few numbers of a load; the prediction goes on to see all of f.
@@ -98,8 +98,8 @@ class WithLoad(WithPrior):
         solution = by_stages(self, begin, steps, bounds, gains)
 
         def reweigh(solution):
-            # Innovations first, then the priors, whose noise follows from those weights. Both in
-            # every round, hence no short circuit.
+            # Weigh the innovations first, then the priors. Every round needs both, so `or` must not
+            # skip `trust`.
             changed = self.reweigh(solution.values)
             return self.trust(solution) or changed
 
@@ -112,7 +112,7 @@ class WithLoad(WithPrior):
         """
         if not len(self._priors):
             return False
-        # The innovations scale the priors: noisy logs leave more to them.
+        # The noise of the innovations scales the priors: noisy logs give them more weight.
         previous = self.noise
         inflation = variance_inflation(solution.residual)
         self.noise = float(solution.rms_innovation * np.sqrt(inflation))
@@ -134,7 +134,8 @@ class LoadSearchSettings:
     friction_step : float
         The same of friction, in standard deviations of the torque equation's fit.
     relative_step : float
-        The same of f where all of it is free, relative, and of a load's increments.
+        Step of f where all of it is free, relative to its size. It is also the absolute step
+        [kg, m] of the load's numbers for the slopes of its increments.
     least_size : float
         Size of an f, relative to the largest, below which its step does not shrink further.
     light : float
@@ -142,7 +143,8 @@ class LoadSearchSettings:
     centre_start : float
         Coordinates of the centre at the start of the fit of such a load [m].
     friction_error : float
-        Relative error of the stated friction up to which the torque equation gives its start.
+        Largest difference from the stated friction, relative to it, at which the torque equation
+        still gives the start.
     reach : float
         Largest coordinate of the centre of mass in the link's frame [m].
     """
@@ -233,10 +235,10 @@ class FreeArm:
     """Comparison of the known arm and its load with an arm of free f.
 
     `square`, `freedom`: chi-square by which a free f follows the logs better than any load, and its
-    degrees of freedom; it exceeds these where arm, gears or drives differ from the model. NaN and 0
-    where the logs do not determine all of f. `shares` (l,): correction of the numbers of the load
-    for the uncertainty of the known arm; 0 of an exact one. `covariance` (l, l) or None: of the
-    load, with that of the known arm.
+    degrees of freedom. `square` exceeds `freedom` where arm, gears or drives differ from the model;
+    they are NaN and 0 where the logs do not determine all of f. `shares` (l,): correction of the
+    load's numbers for the uncertainty of the known arm; 0 if that arm is exact. `covariance`
+    (l, l): of the load's numbers, with the uncertainty of the known arm; None without `shares`.
     """
 
     square: float = np.nan
@@ -249,10 +251,10 @@ class FreeArm:
 class LoadSearch:
     """Known arm, unknown load, and prior of friction: the fit of a load.
 
-    `f` (p,): of the arm without the load. `load`: an `UnknownLoad`, or an object with its ``names``
-    and ``increments``. `mass` (2,): range of the mass [kg]. `friction` (d,): values of the rig, in
-    the order of the problem's unknowns after f. `deviation` (d,): their standard deviations; inf if
-    unknown, 0 if exact. `covariance` (p, p): of `f`; 0 of an exact arm.
+    `f` (p,): of the arm without the load. `load`: an `UnknownLoad`; `free` replaces it by an
+    `AnyLoad`, which serves the residual alone. `mass` (2,): range of the mass [kg]. `friction`
+    (d,): values of the rig, in the order of the problem's unknowns after f. `deviation` (d,): their
+    standard deviations; inf if unknown, 0 if exact. `covariance` (p, p): of `f`; 0 if f is exact.
     """
 
     f: Floats
@@ -397,7 +399,7 @@ class LoadSearch:
         errors = np.abs(values[loads:] - self.friction)
         tolerance = np.minimum(self.deviation, SETTINGS.friction_error * np.abs(self.friction))
         plausible = errors < tolerance
-        # An offset of 0 has no relative error.
+        # Stated friction of 0 has no relative error: its deviation alone is the tolerance.
         plausible |= (self.friction == 0) & (np.abs(values[loads:]) < self.deviation)
         values[loads:] = np.where(plausible, values[loads:], self.friction)
         return np.clip(values, *self.bounds(problem).T), std
@@ -405,7 +407,8 @@ class LoadSearch:
     def _columns(self):
         """Increments (p, l) of f by mass and first moments, and (p,) by the stated inertia.
 
-        The inertia of an unknown centre, quadratic in it, is neglected.
+        Where the centre is unknown, its contribution to the inertia about the link's frame is
+        neglected: that contribution is quadratic in the centre.
         """
         load = self.load
         matrix = load.matrix

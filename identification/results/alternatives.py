@@ -37,17 +37,17 @@ class ScoreTestSettings:
     Parameters
     ----------
     wide : float
-        Standard deviation of a number without a stated one before the log is read, in those with
-        which the log determines it.
+        Prior standard deviation of a number that states none, as a multiple of the standard
+        deviation with which the log determines that number.
     delay : float
         Delay of the counts [samples] whose effect is taken.
     shortest, longest : float
-        Relative errors of a length between which it is tried: a smaller one is rounding, and a
-        larger one is beyond a linear estimate.
+        Smallest and largest relative error of a length that may be reported: a smaller one is
+        rounding, and a larger one is beyond a linear estimate.
     share_of_variant : float
-        Distance from 1 of the share of a variant of a law that a log may show; chosen by hand.
+        A variant of a law is reported only if its estimated share differs from 1 by less than this.
     reversal_samples : int
-        Samples at which a load changes sign that the test of reversals needs.
+        The test of reversals needs more samples than this, both near reversals and elsewhere.
     reversal_ratio : float
         Ratio of the mean squared innovations there to those elsewhere that a right model may have.
     unexplained : float
@@ -107,7 +107,7 @@ class ArmHypothesis:
     convert : callable
         From the unit of the model to `unit`.
     of_slides : tuple of str and callable, optional
-        Both, of a joint that slides; by default the same.
+        `unit` and `convert` for a joint that slides; by default the two above.
     numbers : tuple of Number
         Numbers of the model that are zero where the rig is right.
     torques : callable, optional
@@ -121,7 +121,8 @@ class ArmHypothesis:
     least_samples : float
         Lowest size, in samples: a smaller one is an error of timing.
     choices : int
-        Values of a further number of which each pair of numbers has the best.
+        Number of values that were tried for a further parameter; each pair of numbers uses the
+        best of them.
     against : float
         Natural logarithm of the odds against it before the log is read.
     spread : float
@@ -332,7 +333,9 @@ class Sign(Shown, Frozen):
 def effects_of(
     at: Optimum, hypotheses: Sequence[ArmHypothesis], efforts: Floats
 ) -> dict[str, Floats]:
-    """Effect (M,) on the innovations of each number of these hypotheses, per unit.
+    """Effect (M,) on the innovations, per unit, of each number of the model and each hypothesis.
+
+    Numbers of the model without a step, and hypotheses without an `effect`, are left out.
 
     `efforts` (2, n): torque and speed of each motor (rms). Compliance does not act linearly: its
     effect is that from rigid to stiff.
@@ -410,7 +413,7 @@ def linear(
             if value > lowest
         }
         remaining = residual
-    # No number is left if none came out positive: then nothing is explained.
+    # If no value exceeds the lowest sensible one, no number is left and nothing is explained.
     values = dict(zip(rows, size.tolist(), strict=False))
     # 3. The sum of squares at even odds, and the size of each number that would explain it alone.
     unit = at.evidence_unit(remaining)
@@ -434,7 +437,7 @@ def _absorbing(at: Optimum, changes: _Effects, values: Mapping[str, float]) -> t
     rates = at.rates[: at.unknown]
     parts = along(at.basis, at.rates, effect)[: at.unknown] * np.sqrt((rates**2).sum(axis=1))
     names = [at.model.unknown[i] for i in np.flatnonzero(at.step)[: at.unknown]]
-    # Those that take over at least half as much as the first.
+    # Those that take over more than half as much as the one that takes over most.
     largest = np.abs(parts).max()
     return tuple(name for name, part in zip(names, parts, strict=True) if 2 * abs(part) > largest)
 
@@ -469,8 +472,8 @@ def elastic(hypothesis: ArmHypothesis, point: Point) -> Iterator[Sign]:
     for sign in linear(hypothesis, point):
         visible = {name: max(value, smallest) for name, value in sign.visible.items()}
         sign = replace(sign, visible=visible)
-        # Far from rigid, the effect of a spring is not that of the linear estimate. But springs of
-        # which neither that nor the size of the innovations shows anything are not there.
+        # The linear estimate is wrong far from rigid, so resonances are tried. They are not tried
+        # if neither that estimate nor the size of the innovations suggests a spring.
         untried = at.clean and not sign.suspicious
         trials = [] if untried else compliance(at, SETTINGS.suspicious * sign.threshold)
         best = max(trials, key=lambda trial: trial.chi_square, default=None)
@@ -573,8 +576,9 @@ def reversals(hypothesis: ArmHypothesis, point: Point) -> Iterator[Sign]:
     # With known rounding: without it the ratio would be one of the smallest errors.
     innovations = at.left(at.innovations + at.model.rounding)
     # What another cause explains is no sign of this one.
-    effects = at.left(np.array([*point.testable.values()]))
-    innovations = innovations - along(directions(effects), effects, innovations) @ effects
+    if point.testable:
+        effects = at.left(np.array([*point.testable.values()]))
+        innovations = innovations - along(directions(effects), effects, innovations) @ effects
     # Mean squares, as the samples near a reversal are few.
     ratios = [
         ((crossing**2).mean() / (elsewhere**2).mean(), i, crossing)

@@ -51,8 +51,8 @@ from plant.parts import (
     write_whole,
 )
 
-# Relative difference of f below which the bodies of the prior have it already: some thousand
-# roundings of a sum.
+# Largest relative difference at which the bodies of the prior count as having f already: some
+# thousand roundings of a sum.
 _EQUAL = 1e-12
 
 _WIDTH = len(STANDARD)
@@ -73,7 +73,10 @@ class Realised:
 
 @dataclass(frozen=True)
 class _Inertial:
-    """One body of the file: its link, the joint that moves it, its pose there, and its prior."""
+    """One body: its link, the index of the arm's joint that moves it, its pose, and its prior.
+
+    The pose is in the frame of the arm's link at that joint.
+    """
 
     link: str
     joint: int
@@ -82,7 +85,7 @@ class _Inertial:
 
     @property
     def matrix(self) -> Floats:
-        """Homogeneous matrix of the pose, under which a pseudo-inertia is congruent."""
+        """Homogeneous matrix T of the pose: it takes a pseudo-inertia P to T P T'."""
         # Rotation and translation of points in homogeneous coordinates.
         result = np.eye(4)
         result[:3, :3] = self.pose.rotation
@@ -167,11 +170,11 @@ def realised(
     pi[STANDARD.index("J") :: _WIDTH] = rotors
     if np.abs(B @ pi - arm.f).max() <= _EQUAL * np.abs(arm.f).max():
         bodies = {inertial.link: inertial.body for inertial in inertials}
-        # Nothing to solve: so the bytes of the file stay.
+        # Nothing is solved: bodies that have no other prior keep their bytes in the file.
         return Realised(bodies=bodies, rotors=rotors, f=arm.f, exact=True)
 
-    # 2. Bodies with this f. A rotor without a prior stays zero; if that fails, half of the inertia
-    # of its joint is the prior.
+    # 2. Bodies with this f. A rotor without a prior stays zero. If no such bodies are found, half
+    # of the inertia of its joint becomes its prior.
     blocks_of_bodies = [
         _block(inertial, B[:, _WIDTH * inertial.joint :][:, : _WIDTH - 1]) for inertial in inertials
     ]
@@ -218,7 +221,7 @@ def matching_joints(arm: Arm, model: ModelFile) -> list[ModelJoint]:
 
 
 def _poses(link: Link) -> Floats:
-    """Rotation and position of a link at two positions, (2, 12), which determine its axis."""
+    """Rotation and position (2, 12) of a link at q = 0 and q = 1; together they fix its axis."""
     return np.array(
         [
             np.concatenate([ca.DM(part).full().ravel() for part in link.rotation(ca.SX(q))])
@@ -340,24 +343,24 @@ def write_model(
         Whose chain is of this file (`Chain.from_urdf`, `Chain.from_mjcf`).
     source, target : str or Path
         The file to start from, and the one to write. From a URDF file, a target with the suffix
-        .xml or .mjcf becomes MJCF: bodies, joints, limits and inertials without shapes, joints that
-        the arm does not have fixed at zero.
+        .xml or .mjcf becomes MJCF: it has the bodies, joints, limits and inertials, but no shapes;
+        joints that the arm lacks are fixed at zero.
     prior : str, Path or mapping of str to Body, optional
         Another model file with the same links, or bodies of links in their frames; by default the
         source's own.
     nearest : bool
-        Write the nearest f that bodies can have where they cannot have this one, with a warning
-        that gives the difference. The nearest is meant in standard deviations where they are known,
-        otherwise relative.
+        If no bodies have this f, write the nearest f that bodies can have, and warn of the
+        difference. Distance is in standard deviations where they are known, otherwise relative to
+        the contributions of the prior's bodies.
     friction : bool
         Of an identification or a torque fit, write its viscous and Coulomb friction, joint side:
         <dynamics> of URDF, ``damping`` and ``frictionloss`` of MJCF. These files have no friction
         that saturates, differs by direction or depends on the load.
     motors : bool
-        Of an identification or a torque fit, give MJCF that has none an <actuator> for each joint:
-        a ``motor`` with the drive's gear, whose control is the torque of the motor [N m] within its
-        limit. A ``dcmotor`` needs a resistance, which a drive, whose amplifiers control currents,
-        does not have.
+        Of an identification or a torque fit, give each joint a ``motor`` in MJCF that names its
+        joints and has neither <actuator> nor <include>. It has the drive's gear, and its control is
+        the torque of the motor [N m] within its limit. A ``dcmotor`` needs a resistance, which a
+        drive, whose amplifiers control currents, does not have.
     overwrite : bool
         Replace an existing target.
 
@@ -402,7 +405,7 @@ def write_model(
         nearest,
         np.array([joint.armature for joint in joints]),
     )
-    # Friction and motors of a joint need motors of their own.
+    # With coupled motors no joint has a motor or friction of its own: neither is written.
     if drive is not None and drive.coupling.matrix:
         drive = None
     levels = None

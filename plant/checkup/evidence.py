@@ -65,7 +65,7 @@ def inverse_slopes(experiment: Experiment, joints: Joints) -> tuple[float, ...]:
 
 
 def _following(experiment, joints):
-    """Speed of the counts over that of the reference, and the share that this leaves.
+    """Speed of the counts over that of the reference, and the share of speed it does not explain.
 
     Medians of several joints; 1 and 0 without a reference.
     """
@@ -100,7 +100,8 @@ def _slopes(experiment, joints, undo):
     sizes = slope * (1 + lag * _GRID)
     if len(joints) == 1:
         # Most gears are whole numbers. A tight loop gives its torque at the true scale alone, which
-        # no grid meets. A soft loop, or a gear in rad/m, has too many of them, and a grid will do.
+        # no grid meets: try whole numbers, too. For a soft loop, or a gear in rad/m, the range
+        # holds too many whole numbers, and the grid suffices.
         gear = abs(float(experiment.record.rig.drive.gear[joints[0]]))
         first, end = np.ceil(gear * sizes[0]), gear * sizes[-1]
         if end - first < len(_GRID):
@@ -139,9 +140,9 @@ def command_ratios(experiment: Experiment, joints: Joints) -> tuple[float, ...]:
 
 
 def rated_shares(experiment: Experiment, joints: Joints) -> tuple[float, ...]:
-    """Rated torque over the limit, if the torque is in per mille of it: one for all joints.
+    """Rated torque over the limit, one share for all joints, if the log has per mille of rated.
 
-    Joints whose torques are wrong by one factor have a scale, and no rated torque tells more.
+    Nothing if one factor fits the torques of all joints: then a wrong scale explains them.
     """
     ratios = [torque_ratios(experiment, (i,)) for i in range(experiment.n)]
     if len(ratios) < 2 or not all(ratios):
@@ -200,7 +201,8 @@ def _positive(ratio):
 # Relative distance from the amplifier's limit within which a torque is limited.
 _AT_LIMIT = 0.02
 
-# Share of the commands beyond a limit that it cuts off, in a log whose counts may be late.
+# Share of the commands beyond a limit at which the torque must be at that limit. Counts that are
+# late spoil the other commands.
 _MOSTLY = 0.5
 
 
@@ -279,7 +281,10 @@ _VISCOUS_SPREAD = 0.5
 
 
 def delay_evidence(experiment: Experiment, joints: Joints) -> Any:
-    """Log odds of late counts without a logged torque; None with one: the score has it then."""
+    """Log odds of late counts; None if torque is logged, because the score then shows them.
+
+    A law with memory is an exception: its lag behind the reference counts also with logged torque.
+    """
     logged = experiment.signals.torque is not None
     if experiment.signals.reference is None:
         return None if logged else ()
@@ -312,7 +317,7 @@ def _common(values, stds):
 
 
 def _lag_evidence(experiment, joints):
-    """Log odds of counts behind the reference, under a law that feeds its acceleration forward."""
+    """Log odds of counts that lag, under a law that feeds the reference acceleration forward."""
     # Any other law needs an error to act, and lags by itself.
     if not feeds_forward(experiment):
         return ()
@@ -352,7 +357,7 @@ def lag(experiment: Experiment, i: int, *, friction: bool = False) -> tuple[floa
 
 
 def gains_evidence(experiment: Experiment, joints: Joints) -> Any:
-    """Log odds of gains in A where no torque is logged: friction is as stated with the others."""
+    """Log odds that gains are in A, by score and viscous friction; None if torque is logged."""
     if experiment.once(delays) is None or not hasattr(experiment.record.law, "gain"):
         return None
     return ((1.0, by_friction(experiment, gains_in_ampere(experiment.record, joints, 1.0))),)
@@ -528,11 +533,12 @@ def _whole_pulses(encoder):
 # Distance from a whole number that rounding of a stated resolution leaves [pulses per turn].
 _PRINTED = 0.01
 
-# Share of a torque that the motion leaves unexplained, of what it leaves in right logs, from which
-# on the angles are in doubt: drawn machines with springs reach 10.
+# The angles are in doubt if the motion leaves more than this multiple of the share of torque that
+# it may leave unexplained in right logs. Drawn machines with springs reach 10.
 _STRANGE = 12.0
 
-# Log odds of inertias that are not below those of the rotors: two joints that are surely below.
+# The resolution is in doubt if another one raises the log odds of the inertias by more than this:
+# as much as two joints whose inertia is surely below that of the rotor.
 _BELOW_ROTOR = 40.0
 
 
@@ -561,5 +567,6 @@ def period_evidence(experiment: Experiment, joints: Joints) -> Iterator[tuple[fl
         yield float(ratio), abs(float(np.log(ratio))) * 1e3 * _PER_E_FOLD
 
 
-# Stamps and period come from one clock: a thousandth is 3 standard deviations of what is usual.
+# Log odds per factor e of a time unit, and per thousandth of a period. Stamps and period come from
+# one clock: a thousandth is 3 standard deviations of what is usual.
 _PER_E_FOLD = 10.0

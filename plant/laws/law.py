@@ -47,7 +47,7 @@ class Block:
     `logged`. `names` and `values` (k,) belong to the numbers: first the law's (``law.``), then the
     rig's. `initial` (s,) is the state at the start.
 
-    Above an inner loop `asked` is what the frame adds that is sent, after rounding and limits, and
+    Above an inner loop, `asked` is the torque that the sent frame adds, after rounding and limits.
     `sent` gives that frame: (q, qd, qdd, pulses, asked, numbers) -> (3 n,), the rows of
     `plant.machine.inner_loop.Frame`.
     """
@@ -102,13 +102,13 @@ class Law(Part, abc.ABC):
 
     @property
     def interpolates(self) -> bool:
-        """Whether that column is on straight lines between rows; else a row holds to the next."""
+        """Whether the column of `replays` is linear between rows; else a row holds to the next."""
         return False
 
     def __post_init__(self) -> None:
         super().__post_init__()
         cls = type(self)
-        # Each follows from the other; a law that gives neither would go in a circle.
+        # By default `fields` and `initial_state` call each other: a law must define one of them.
         if cls.fields is Law.fields and cls.initial_state is Law.initial_state:
             raise ValueError(
                 f"{cls.__name__} must give all that Law declares; it lacks fields. Define them, or"
@@ -134,7 +134,7 @@ class Law(Part, abc.ABC):
     def equations(
         self, rig: Rig, state: ca.SX, setpoint: Setpoint, pulses: ca.SX, torque: ca.SX, dt: ca.SX
     ) -> Step:
-        """One step of the law in casadi; the numbers of its own fields and of the rig are symbols.
+        """One step of the law in casadi; the numbers of the law and of the rig are symbols.
 
         Parameters
         ----------
@@ -157,12 +157,12 @@ class Law(Part, abc.ABC):
 
     @property
     def innermost(self) -> "Law":
-        """The law within all laws around it; of most laws the law itself."""
+        """The innermost law that this law wraps; the law itself if it wraps none."""
         within = getattr(self, "law", None)
         return within.innermost if isinstance(within, Law) else self
 
     def rig_of_frames(self, rig: Rig) -> Rig:
-        """The rig whose inner loop and transport this law takes its frames for: by default the rig.
+        """The rig for whose inner loop and transport the law makes its frames; by default `rig`.
 
         A law around a law asks the inner one.
         """
@@ -175,7 +175,7 @@ class Law(Part, abc.ABC):
         return self.period if innermost is self else innermost.period_on(rig)
 
     def has_memory(self, n: int) -> bool:
-        """Whether the torque depends on more than the present counts and reference."""
+        """Whether the law has a state or holds its torque for a period."""
         return self.period is not None or len(self.initial_state(n)) > 0
 
     def joint_labels(self, rig: Rig) -> list[str]:
@@ -236,9 +236,9 @@ class Law(Part, abc.ABC):
             A limit below the amplifier's [N m], magnitude, joint side (of coupled joints: on the
             shaft). The law accounts for it as for the amplifier's.
         without : sequence of str
-            The parts, of "gravity", "friction" and "inertia", that firmware adds: `step` leaves
-            them out of the torque that it returns, evaluated at the measured angle with the
-            reference's speed and acceleration. Law, limits and guards use the whole torque.
+            The parts, of "gravity", "friction" and "inertia", that firmware adds. `step` evaluates
+            them at the measured angle and the reference's speed and acceleration, and leaves them
+            out of the torque that it returns. Law, limits and guards use the whole torque.
 
         Returns
         -------
@@ -356,7 +356,7 @@ class Law(Part, abc.ABC):
         logged = [ca.SX.sym("logged", n)] if self.replays else []
         setpoint = Setpoint(q, qd, qdd, reference_pulses, *logged)
 
-        # 2. The step, and what a law of a user's own may have wrong in it.
+        # 2. The step, with checks for mistakes in a user's own law.
         arguments = (symbolic_rig, state, setpoint, pulses, torque, dt)
         commanded, following = _checked_step(law, arguments)
         # casadi broadcasts a scalar torque or state to all joints: the shapes are checked here,
@@ -418,8 +418,8 @@ def _sent(
     `known` is the rig as the law has it; its geometry, gears and counts, is that of `rig`.
     """
     inner: Any = known.inner
-    # A frame holds until the next: it is that of the reference in the middle of that time, which
-    # begins late where frames are late.
+    # A frame holds until the next one. It is made for the reference in the middle of that time,
+    # which begins later by the delay of the transport.
     late = 0 if known.transport is None else known.transport.delay
     time = rig.period / 2 + late
     q = setpoint.q + time * setpoint.qd + time * time / 2 * setpoint.qdd

@@ -328,7 +328,8 @@ def test_draws_of_which_hardly_one_is_an_arm_are_moved_until_they_are():
     assert len(np.unique(plants.f, axis=0)) == 20
     said = " ".join(str(certificate).split())
     assert (
-        f"{plants.projected / 20:.0%} of the samples were moved towards the identified arm" in said
+        f"{percent(plants.projected / 20)} of the samples were moved towards the identified arm"
+        in said
     )
 
 
