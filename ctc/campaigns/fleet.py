@@ -69,7 +69,7 @@ _REPLACED = (
 # Other robots that a log was added for.
 _OF = """select robots.name from logs join identifications on identifications.id = identification
     join robots on robots.id = robot where sha256 = ? and robots.name != ?"""
-# The robot's number comes from its name, within the statement.
+# The statement looks up the robot's number by its name.
 _IDENTIFIED = (
     "insert into identifications select null, id, ?, ?, ?, ?, ? from robots where name = ?"
 )
@@ -88,8 +88,8 @@ _WORDS = {
 # log in a thousand.
 LEVEL = 1e-3
 
-# Robots up to which a log is judged without itself; in larger fleets it hardly counts in the
-# scatter of weeks, and one fit of the effects serves all robots. Chosen by hand.
+# In a fleet of at most so many robots, a log is judged without itself. In a larger fleet, one log
+# hardly changes the scatter of weeks, and one fit of the effects serves all robots. Chosen by hand.
 _FEW = 30
 
 
@@ -121,8 +121,8 @@ class Fleet:
 
     Notes
     -----
-    Iterating gives the judgement of each robot's last log, the one that needs attention first in
-    front; ``len`` is the number of identifications. ``docs/guides/campaigns.md`` describes how a
+    Iteration yields the judgement of each robot's last log, the most urgent judgement first;
+    ``len`` is the number of identifications. ``docs/guides/campaigns.md`` describes how a
     log is judged.
 
     See Also
@@ -169,7 +169,7 @@ class Fleet:
 
     @contextlib.contextmanager
     def _base(self) -> Iterator[sqlite3.Connection]:
-        # A connection for each use: between them no file is open.
+        # Each use opens and closes a connection of its own: between two uses no file is open.
         with contextlib.closing(sqlite3.connect(self.path)) as base:
             # SQLite deletes dependent rows only where a connection demands it.
             base.execute("pragma foreign_keys = on")
@@ -179,7 +179,7 @@ class Fleet:
 
     @known_options
     def add(self, *results: Any, notes: Mapping[str, Any] | None = None) -> None:
-        """Store an identification, in place of one of the same log.
+        """Store an identification; it replaces each one in the file that shares a log with it.
 
         Parameters
         ----------
@@ -192,7 +192,8 @@ class Fleet:
         Raises
         ------
         ValueError
-            Without covariance, robot or time; logs of several robots.
+            No covariance, robot or time; logs of several robots; a log that the file holds for
+            another robot.
         """
         log, source = logged(results, notes)
         # The content of a record marks a log, whatever its file is called.
@@ -205,7 +206,8 @@ class Fleet:
         columns = zip(labels, units(source.dynamics, source.names), log.values.items(), strict=True)
         # One transaction: a failure leaves the file as it was.
         with self._base() as base:
-            # 1. A log that is in the file: of another robot it is a mistake, else it is replaced.
+            # 1. Refuse a log that the file holds for another robot; delete the identifications that
+            # the new one replaces.
             for digest in sums:
                 for (robot,) in base.execute(_OF, (digest, log.robot)):
                     raise ValueError(
@@ -285,8 +287,8 @@ class Fleet:
 
     def _before(self, log: Logged, rows: Sequence[FleetRow]) -> tuple[Effect, ...]:
         """Effects of all but this log and later ones of its robot; in large fleets, `effects`."""
-        # What its robot did later would make a judgement depend on the date of the call.
-        # In a small fleet a defect would widen the scatter of weeks, and excuse itself.
+        # In a small fleet, the robot's later logs would make its judgement depend on the date of
+        # the call, and a defect in this log would widen the scatter of weeks and excuse itself.
         past = [row for row in rows if row.robot != log.robot or row.time < log.time]
         small = len({row.robot for row in rows}) <= _FEW
         if small and len(past) < len(rows):
@@ -304,7 +306,7 @@ class Fleet:
             newest[row.robot].values[row.name] = row.value, row.std or 0.0
 
         def urgency(judgement: Judgement) -> tuple[float, str]:
-            """Probability that the surest change is a false alarm; robots of the same by name."""
+            """Probability that the surest change is a false alarm, then the robot's name."""
             chance = judgement.looked[0].false_alarm if judgement.looked else 1.0
             return chance, judgement.robot
 
@@ -358,6 +360,6 @@ def _labels(dynamics: Any, names: Sequence[str]) -> Iterator[str]:
         if kind not in _WORDS or not place.isdigit():
             yield short
             continue
-        # The label's "(q[i])" goes: a sentence names the joint, not its coordinate.
+        # Drop the label's "(q[i])": a sentence names the joint, not its coordinate.
         joint = dynamics.chain.joint_labels[int(place)].split(" (q[")[0]
         yield f"{_WORDS[kind]} of {joint}"

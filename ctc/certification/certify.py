@@ -33,7 +33,7 @@ Motions = Reference | Mapping[str, Reference]
 
 
 class Task:
-    """Checked arguments of `certify` and `tune` (the `work`), with the laws of the user.
+    """Checked arguments of `certify` or `tune` (the `work`); `laws` are checked, but not kept.
 
     `motions` is name -> (reference, duration [s]); a single reference has the name "".
     `checkpoint` is bound to all inputs of the result, among them `settings` of the work.
@@ -90,7 +90,7 @@ class Task:
             with naming(name):  # errors name the motion
                 self.motions[name] = motion, _seconds(motion, duration, after)
 
-        # 3. The uncertainty, which sub-steps of this length must be able to follow.
+        # 3. The uncertainty. The integration steps must be short enough to follow its resonance.
         self.uncertainty = Uncertainty() if uncertainty is None else uncertainty
         instance(
             "uncertainty", self.uncertainty, Uncertainty, "Give Uncertainty(friction=0.1, ...)."
@@ -121,9 +121,9 @@ class Task:
         self.checkpoint = Checkpoint(checkpoint, work).bind(lambda: inputs)
 
     def sampled(self, count: int, further: int = 0, normals: Any = None) -> Plants:
-        """Monte Carlo samples, the same for all motions, with resonances at the first one's start.
+        """Monte Carlo samples for all motions; resonances hold where the first motion starts.
 
-        `further`: added to the seed. `normals`: as of `draw`.
+        `further` is added to the seed; `normals` is passed to `draw`.
         """
         # The resonance of a gear depends on the pose, but all motions share the gears.
         pose = self.reference(np.zeros(1)).q[0]
@@ -230,8 +230,8 @@ def certify(
     uncertainty : Uncertainty, optional
         Unknown properties beside the covariance; by default friction that was not identified, by 10
         %, and the encoders' zeros. With no `resonance` the gears are the rig's, and the verdict on
-        rigid gears states the lowest resonance on which it holds (with stated imperfections at the
-        end of their ranges that is farther from zero).
+        rigid gears states the lowest resonance on which it holds. For this resonance, each stated
+        imperfection has the end of its range that is farther from zero.
     samples : int
         Number of closed loops. Without a failure the bound is about 3 / samples at 95 %, and a
         failure of probability p appears among some 3 / p. Of stated ranges the bound is that of the
@@ -244,9 +244,10 @@ def certify(
     confidence : float
         Of the bounds.
     after : float, optional
-        Sampling instants before this time do not count [s]; the certificate says how many samples
-        exceed the limit there. On rigid gears all count by default, also the first, at which the
-        arm is up to half a pulse off its reference; on elastic ones those after 20 ms do.
+        Time [s] from which sampling instants count; the certificate says how many samples exceed
+        the limit before it. By default, on rigid gears all instants count, also the first, at which
+        the arm is up to half a pulse off its reference. On elastic gears they count from 20 ms or
+        from half the duration, whichever is earlier.
     steps_per_sample : int
         Integration steps between two samples, 16 as in `evaluate`.
     duration : float, optional
@@ -259,10 +260,11 @@ def certify(
         File that stores fits and finished loops: killed and called again with it, the work goes on,
         to the same bits. A file of other inputs, versions or another processor is refused.
     rare : float, optional
-        Probability, such as 1e-6, down to which subset simulation estimates the probability of an
-        error before rounding beyond the limit: ``certificate.rare``, with its coefficient of
-        variation. Where the counts exceed the limit, so does this error. The simulation ends early
-        where failures are more frequent; of several motions it counts failures in any.
+        Probability, such as 1e-6, down to which subset simulation estimates the probability that
+        the error before rounding exceeds the limit. ``certificate.rare`` holds the estimate with
+        its coefficient of variation. Where the counts exceed the limit, so does this error. The
+        simulation ends early where failures are more frequent. With several motions it counts a
+        failure in any of them.
     executor : optional
         Executor that simulates the samples, as of `campaign`, in place of `threads`, to the same
         bits. It takes no checkpoint.
@@ -324,7 +326,7 @@ def certify(
         steps_per_sample=steps_per_sample,
         executor=executor,
         inputs={"law": law, "number of samples": samples},
-        # Only a setting that was stated changes the checkpoint of a call.
+        # The checkpoint is bound to `rare` only where `rare` is given.
         settings=() if rare is None else (rare,),
     )
     _require_probabilities(task.within, confidence, rare)
@@ -394,7 +396,7 @@ def _counted_from(rig: Rig, seconds: float, after: float | None) -> float:
 
 
 def _require_probabilities(within: float, confidence: float, rare: float | None) -> None:
-    """Refuse a negative limit, and probabilities that are none."""
+    """Refuse a negative `within`, and a `confidence` or `rare` outside its range."""
     # A bound below 50 % confidence would lie below the estimate.
     confidence = real("confidence", confidence, "Give a share, such as 0.95.")
     if within < 0 or not 0.5 < confidence < 1:

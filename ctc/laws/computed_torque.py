@@ -44,7 +44,7 @@ class ComputedTorque(ModelLaw):
     by joint, with the gains of a Kalman filter, and only by the part of the innovation that exceeds
     `dead_zone` times half a cell of the encoder. The feedback is that of a linear-quadratic
     regulator. It uses the inertia J = 1 / (D^-1)_jj that each joint feels; on rigid gears the
-    factor L of D = L P L^T adds the torques by which the joints after a joint move along with it.
+    factor L of D = L P L^T adds to a joint the torque that moves it along with those before it.
     Coulomb friction is fed forward without jumps. Where `gear_gains` is not None, the observer
     predicts the links apart from the motors, and the motors follow q_r.
 
@@ -56,10 +56,11 @@ class ComputedTorque(ModelLaw):
         The identified rig, ``found.rig``: its friction is fed forward.
     bandwidth : float, optional
         Magnitude of the regulator's poles [rad/s]. The default for an arm, whose accuracy is
-        unknown, is 360; for an identification 145; with identified friction 120, or more where the
-        encoder is finer than f and friction are known; with stated gears 100. The default is at
-        most 0.3 / period, and less on elastic gears. Above an inner loop, whose stiffness adds to
-        the regulator's, it is 120 for servos and 50 for MIT drives, at most 0.45 / period.
+        unknown, is 360; for an identification 145; with identified friction 120, or more where
+        an encoder pulse is smaller than the error from the uncertainty of f and friction; with
+        stated gears 100. The default is at most 0.3 / period, and less on elastic gears. Above an
+        inner loop, whose stiffness adds to the regulator's, the default is 120 for servos and 50
+        for MIT drives, at most 0.45 / period.
     observer_ratio : float, optional
         Bandwidth of the observer over that of the regulator. Default: 1.3; with friction
         identified and rigid gears, but not above an inner loop: 1.
@@ -72,11 +73,11 @@ class ComputedTorque(ModelLaw):
     friction : bool
         Whether the model has the friction of the rig: it is fed forward, and predicted.
     learn_friction, learnable : bool, float
-        Whether to learn, where joints turn back, the shares by which Coulomb and viscous friction
-        differ from the rig's, and the largest such share (0 to 0.99). `Running.friction` has the
-        learnt friction, and `start` takes it. Above an inner loop none is learnt by default where
-        the bandwidth is below the rate of learning: the observer is then too slow to tell friction
-        from what else changes while a joint turns back.
+        `learn_friction`: whether to learn, where joints turn back, the shares by which Coulomb and
+        viscous friction differ from the rig's. `learnable`: the largest such share (0 to 0.99).
+        `Running.friction` has the learnt friction, and `start` takes it. Above an inner loop,
+        none is learnt by default where the bandwidth is below the rate of learning: the observer is
+        then too slow to tell friction from what else changes while a joint turns back.
     start_boost, start_time : float, optional
         Factor on the regulator's bandwidth where a joint begins to move or turns back, or where
         counts show a model error, and the time constant with which it decays [s]; the observer's
@@ -189,20 +190,20 @@ class ComputedTorque(ModelLaw):
         return cls(arm, rig, **defaults | fields)
 
     def describe(self) -> dict[str, Any]:
-        """Kind and fields; settings only where they are not the usual ones, as in older files."""
+        """Kind and fields; the usual settings are left out, as older files contain none."""
         description = super().describe()
         if self.settings == SETTINGS:
             del description["settings"]
         return description
 
     def sliding(self) -> Law:
-        """As of every law; it learns no friction, which it would only where joints turn back."""
+        """As for every law, but without learning friction, which needs joints that turn back."""
         return dataclasses.replace(super().sliding(), learn_friction=False)
 
     # -- the blocks -------------------------------------------------------------------------------
     @property
     def gears(self) -> type[RigidGears] | type[ElasticGears]:
-        """Gears of the model: rigid, or elastic where it has gains for them."""
+        """Gears of the model: elastic where the law has gains for them, otherwise rigid."""
         return RigidGears if self.gear_gains is None else ElasticGears
 
     @property
@@ -224,7 +225,7 @@ class ComputedTorque(ModelLaw):
 
     @property
     def frames(self) -> LateFrames:
-        """Frames to an inner loop that is late."""
+        """Frames that reach an inner loop late."""
         return LateFrames(self.rig)
 
     @functools.cached_property
@@ -301,7 +302,7 @@ class ComputedTorque(ModelLaw):
         return running
 
     def friction_in(self, state: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Coulomb [N m] and viscous [N m s/rad] friction (2, n), motor side, as learnt."""
+        """Coulomb [N m] and viscous [N m s/rad] friction (2, n), motor side; learnt or stated."""
         drive = self.rig.drive
         stated = np.array([drive.coulomb, drive.viscous])
         if not isinstance(self.friction_model, LearntFriction):
@@ -368,7 +369,7 @@ class ComputedTorque(ModelLaw):
         if self.delay:
             pushed = before.queue.commanded - needed - disturbance
             ahead, _ = self._predicted(gears, friction, ahead, impulse, pushed, dt)
-        # The boost is at most what the period allows.
+        # The sample time limits the boosted bandwidth, but never below the bandwidth itself.
         bandwidth = ca.fmin(
             self.bandwidth * boost, ca.fmax(self.bandwidth, settings.boost_limit / dt)
         )
@@ -414,8 +415,8 @@ class ComputedTorque(ModelLaw):
 
         `pushed` is the joint torque beyond the needed torque and the disturbance.
         """
-        # The needed torque contains viscous friction at the reference's speed. Here the part of
-        # the deviation's rate is added.
+        # The needed torque contains viscous friction at the reference's speed. The next
+        # line adds the viscous friction that belongs to the deviation's rate.
         push = self.rig.drive.coupling.shaft_torque(pushed) + friction.viscous * deviation.rate
         return gears.moved(
             deviation, push, functools.partial(friction.impulse, impulse, time), time

@@ -1,9 +1,10 @@
 """One sample of an arm's deviation from its reference, on rigid or elastic gears.
 
-Both classes predict it, correct it and feed it back. All is on the motors' shafts, where friction
-acts and encoders count. A deviation is reference minus arm. On elastic gears there is one of the
-motors and one of the links, the latter from the motion of links whose motors follow the reference.
-A push is the torque beyond that motion's, and drives deviations down.
+Both classes predict it, correct it and feed it back. Deviations and pushes are on the motors'
+shafts, where friction acts and encoders count; `needed` is on the joints. A deviation is reference
+minus arm. On elastic gears motors and links have one each. That of the links is relative to the
+motion of links whose motors follow the reference. A push is the torque beyond what the reference
+needs; a positive push decreases the deviation.
 """
 
 import functools
@@ -62,21 +63,21 @@ class Restoring(NamedTuple):
         return None if inner is None else cls(inner.stiffness_of(rig), inner.damping_of(rig))
 
     def inertia(self, dt: ca.SX) -> ca.SX:
-        """Inertia by which it resists a change of rate within a sample (n, 1) [kg m^2].
+        """Inertia (n, 1) [kg m^2] by which the loop resists a change of rate within a sample.
 
-        Its torque is that of the mean angle, to which the rate after the sample adds dt/4, and of
-        that rate: so the step is stable for any stiffness.
+        The loop's torque depends on the mean angle of the sample and on the rate after it. That
+        rate enters the mean angle with the factor dt/4. The step is stable for any stiffness.
         """
         return dt * (self.damping + dt / 4 * self.stiffness)
 
     def push(self, deviation: "Deviation", time: ca.SX) -> ca.SX:
-        """Torque (n, 1) [N m] against a deviation, with the rest of what `inertia` took ahead."""
+        """Torque (n, 1) [N m] at a constant rate; `inertia` adds that of the change of rate."""
         ahead = deviation.angle + time / 2 * deviation.rate
         return self.stiffness * ahead + self.damping * deviation.rate
 
 
 class _Model(NamedTuple):
-    """The arm at one pose: torques on the joints, the rest on the shafts."""
+    """The arm at one pose: `D` and `h` on the joints, `inertia` and `drag` on the shafts."""
 
     D: ca.SX
     h: ca.SX
@@ -112,8 +113,8 @@ class RigidGears:
         limit: ca.SX,
         inner: Restoring | None = None,
     ) -> None:
-        # Implicit viscous friction: M rate' = M rate + dt (push - drag rate') adds dt times the
-        # friction to the inertia.
+        # Implicit viscous friction b: M rate' = M rate - dt (push + b rate') adds drag = dt b to
+        # the inertia M.
         inertia = D + ca.diag(drag if inner is None else drag + inner.inertia(dt))
         self.mobility = inverse(inertia)
         # L of D = L P L^T, by which a joint's torque is carried to the joints after it.
@@ -172,7 +173,7 @@ class RigidGears:
     ) -> tuple[Deviation, ca.SX]:
         """Deviation corrected by an innovation (n, 1) [rad], and disturbance torque to add [N m].
 
-        The square root of the regulator's boost is the filter's: it sees the rounding of counts.
+        The filter sees the rounding of counts, so its boost is the root of the regulator's.
         """
         gains = filter_gains(self._observer * ca.sqrt(boost), self._dt)
         # Disturbance acceleration starts at zero: what the filter adds to it becomes torque by the
@@ -185,11 +186,11 @@ class RigidGears:
     def feedback(self, deviation: Deviation, bandwidth: ca.SX, planned: ca.SX) -> ca.SX:
         """Torque (n, 1) [N m] against a deviation, of a regulator with this bandwidth [rad/s].
 
-        An inner loop adds its own to it: that needs no room here, since it is faster than samples.
-        Each joint gets the torque for itself alone, and that which the joints before it need it to
-        add (D = L P L'): a shoulder then does not shake the wrist. The torque for which the
-        amplifier has no room beside what is `planned` (n, 1) [N m] does not act, and carries no
-        joint along.
+        An inner loop adds its own torque, which takes no room here because it acts within samples.
+        Each joint gets the torque that moves it alone, and the torque that carries it along with
+        the joints before it (D = L P L^T): a shoulder then does not shake the wrist. The torque for
+        which the amplifier has no room beside what is `planned` (n, 1) [N m] does not act, and
+        carries no joint along.
         """
         stiffness, damping = regulator_gains(bandwidth, self._dt)
         alone = self.mobility.alone * (stiffness * deviation.angle + damping * deviation.rate)
@@ -332,7 +333,7 @@ class ElasticGears:
 
         `link`: angle and speed of the links a sample ago; `reference`: angle, speed and
         acceleration now; `weight`: the torque that links take beside inertia. At the first sample
-        they hang at rest in their gears.
+        the links hang in their gears and move at the motors' speed.
         """
         q, qd = link
         angle, speed, acceleration = reference
@@ -344,7 +345,7 @@ class ElasticGears:
         held = spring(self._stated, wound, speed_before - qd, dt, self._rotors, self._felt)
         pushed = dt * (held.torque - weight) + held.added * dt * acceleration
         gained = inverse(self._links + ca.diag(held.added)).solve(pushed)
-        # At the first sample the links hang at rest in their gears, motors on the reference.
+        # At the first sample the links hang in their gears, at the speed of the reference.
         hanging = angle - weight / self._stated.stiffness
         q = ca.if_else(begun, q + dt * (qd + gained / 2), hanging)
         qd = ca.if_else(begun, qd + gained, speed)
@@ -395,8 +396,9 @@ def braked(
 ) -> Deviation:
     """Deviation for a regulator, reduced where the joint is far off.
 
-    The joint then comes back along v^2 = 2 a e, no faster than half of its remaining torque can
-    brake; `needed` (n, 1) is the shafts' torque without the regulator's [N m].
+    A regulator of this `bandwidth` then returns the joint from an angle e at a speed v with
+    v^2 = 2 a e, where half of the remaining torque brakes it with a. `needed` (n, 1) [N m] is the
+    shafts' torque without the regulator's.
     """
     limit = ca.fabs(rig.drive.torque_limit())
     # A divisor must stay positive, also where nothing remains: a twentieth of the limit does.

@@ -29,11 +29,11 @@ def learn(
     settings: LearnSettings | None = None,
     executor: Any = None,
 ) -> Learning:
-    """Learn the torque that was missing along a path from logs of it, of any law.
+    """Learn the torque that was missing along a path, from logs of the path under any law.
 
-    A fixed-interval smoother estimates the torque that the model lacks from each log, and the law
-    for the next repetition adds 0.7 of it. A regression finds the part of it that is f and
-    friction.
+    A fixed-interval smoother estimates from each log the torque that the model lacks, and the law
+    for the next repetition adds 0.7 of this torque. A regression finds the part that the arm's
+    parameters f and the friction explain.
 
     Parameters
     ----------
@@ -67,10 +67,10 @@ def learn(
 
     Notes
     -----
-    A repetition is left out if its mean normalised innovation exceeds 1.25, or 1.3 times the
-    smallest so far and 1. A correction is taken back, and half of it made, if afterwards 0.8 of the
-    torque or more is still missing (and more than a thousandth of the amplifiers' limit), or if
-    more samples are beyond ±1 pulse.
+    A repetition is left out if its mean normalised innovation exceeds 1.25, or exceeds both 1 and
+    1.3 times the smallest so far. A correction is taken back, and half of it is made, if afterwards
+    more than 0.8 of the torque is still missing (and more than a thousandth of the amplifiers'
+    limit), or if the share of samples beyond ±1 pulse grows by more than `may_worsen`.
 
     See Also
     --------
@@ -111,12 +111,13 @@ def learn(
     terms = min(needed, settings.largest_terms, count - 1) + 1
     inner_law = run_law
     learnt_terms = np.zeros((terms, rig.n))
-    # A path that is learnt on keeps its terms; a new law starts from a learnt torque of zero.
+    # A law with a learnt torque goes on from its terms; any other law starts from zero.
     if isinstance(run_law, LearntTorque):
         inner_law = run_law.law
         learnt_terms = np.resize(run_law.terms, (terms, rig.n))
 
-    # 2. The torque that each log misses beside it; logs that disagree with the model are left out.
+    # 2. The torque that model and learnt torque lack in each log; logs that disagree with the model
+    # are left out.
     learnt = _torque(learnt_terms, count)
     smoothed = functools.partial(_correction, arm, rig, plant, motion, moves, learnt, settings)
     results = mapped(smoothed, logs, executor) if executor is not None else map(smoothed, logs)
@@ -140,8 +141,8 @@ def learn(
     following = _next(previous, learnt_terms.ravel(), wanted, rms, errors, rig, settings)
     start, wanted = following.start, following.wanted
 
-    # The whole missing torque is explained here, not only the part `gain` of it that is added.
-    # 4. The part of it that is f and friction, for other paths.
+    # 4. The part of the missing torque that f and friction explain, for other paths. All of a
+    # correction counts, not only the part `gain` that is added; a correction taken back does not.
     whole_torque = start if following.diverged else start + wanted
     explained = _torque(whole_torque.reshape(terms, -1), count)
     prior = _prior(found, arm, rig, settings.friction_deviation)
@@ -215,9 +216,9 @@ def _next(
         limit = settings.must_fall * share(history.missing[-1], rig)
         grew = share(rms, rig) > max(limit, settings.settled)
         if grew or outside > history.beyond[-1] + settings.may_worsen:
-            # Half of the same correction is made again from the torque before it: the learning gain
-            # was too large for this path. Its log describes a torque that is taken back, and is not
-            # recorded.
+            # The learning gain was too large for this path: the next repetition starts again from
+            # the torque before the last correction, and adds half of that correction. The history
+            # omits these logs, since they belong to a torque that is taken back.
             return history._replace(
                 start=previous.before,
                 wanted=previous.wanted,
@@ -232,7 +233,7 @@ def _next(
 
 
 def _is_disturbed(innovations: Sequence[float], settings: LearnSettings) -> bool:
-    """Whether the last of these RMS innovations is too large for its log to be learnt from."""
+    """Whether the last of these innovations is so large that its log is left out."""
     # The smallest innovation so far belongs to an undisturbed repetition of this arm: a model with
     # wrong gears raises all innovations, a disturbance raises one.
     usual = max(settings.innovation_ratio * min(innovations), 1.0)
@@ -274,7 +275,7 @@ def _model(law: Any, model: Any) -> Arm:
 
 
 def _require(record: Any, i: int, law: Law, rig: Rig, reference: Reference, count: int) -> None:
-    """Refuse a log of another path, rig or law, or one that lacks samples or torque."""
+    """Refuse a log of another path or law, one that contradicts the rig, or an incomplete one."""
     place = f"records[{i}]"
     name = instance(place, record, Record, "Give logs of the repetitions.").name or place
     # A record without reference or law, such as one of a foreign log, is taken as it is.
@@ -390,7 +391,8 @@ def _prior(model: Any, arm: Arm, rig: Rig, friction_deviation: float) -> Floats 
     names = [*arm.dynamics.names]
     for kind in ("viscous", "coulomb"):
         names += [f"drive.{kind}[{i}]" for i in range(n)]
-    # Names are of the motor side; a torque of a shaft is `gear` times it, at a speed over `gear`.
+    # The named parameters are of the motor side. The torque of a shaft is that of its motor times
+    # `gear`, and its speed is that of the motor over `gear`.
     scale = np.concatenate([np.ones(p), gear**2, gear])
     # Friction that was not identified keeps the relative deviation of the settings.
     levels = np.concatenate([np.zeros(p), rig.drive.viscous, rig.drive.coulomb])

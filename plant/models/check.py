@@ -1,9 +1,11 @@
 """Mistakes in the inertials of a URDF file, found by what the file itself says: `check_model`.
 
-Every inertial is compared with what it would be without each mistake that files have
-(`hypotheses`). The evidence for one or the other (`agreement`): the link's own shape (its position,
-width and density), the positions of its joints, the masses of the other links, and the link on the
-other side. A mistake is a finding only with a proof: no body can have the stated inertial; none
+The check compares every inertial with what it would be without each mistake that files have
+(`hypotheses`). The evidence for one or the other (`agreement`) is the link's own shape (its
+position, width and density), the positions of its joints, the masses of the other links, and the
+link on the other side. Missing inertials, placeholders, and the mass of the whole robot on one link
+are findings by themselves. Any other mistake of an inertial that can be read is a finding only with
+a proof: no body can have the stated inertial; none
 within three times the link's shape can, or none within the robot; no matter is so dense; or the
 inertial without the mistake is exactly the link on the other side, or exactly the shape uniformly
 filled, which does not happen by chance.
@@ -96,9 +98,11 @@ class RepairSettings:
         Share of the file's larger masses and inertias (the upper tenth) below which a link
         does no harm.
     heavy : tuple of float
-        Mass over that of all other links of a link with the mass of the whole robot: least, most.
+        A link has the mass of the whole robot if the ratio of its mass to that of all other links
+        is between these: least, most.
     denser : float
-        Least density of such a link over the median of the others.
+        Least ratio of such a link's density to the median of the others; the density of steel is
+        always enough.
     """
 
     rare: float = 4.0
@@ -118,8 +122,9 @@ SETTINGS = RepairSettings()
 class ModelFinding(Shown):
     """A mistake in the inertial of a link, and its repair in the link's frame, if one is certain.
 
-    `evidence`: logarithm of the odds of the repair against the stated inertial; infinite where no
-    body can have that. `joint`: the joint that carries the link, if the mistake is in its numbers.
+    `evidence`: logarithm of the odds of the repair against the stated inertial; where these odds
+    are not computed, it is infinite or `RepairSettings.margin`. `joint`: the joint that carries the
+    link, if the mistake is in the joint's numbers.
     """
 
     link: str
@@ -179,10 +184,12 @@ class ModelCheck(Shown):
 def check_model(path: str | Path) -> ModelCheck:
     """Find the mistakes in the inertials and joints of a URDF file, and repairs of inertials.
 
-    Units (g for kg, mm for m, degrees), signs and order of the products of inertia, inertia about
-    the link's frame, mirrored links, missing inertials, placeholders, the mass of the whole robot
-    on one link, and what no body can have. A finding has a repair only where one mistake explains
-    all that the file states of the link, and every other one is e^4 times less likely. Meshes are
+    The check finds wrong units (g for kg, mm for m, degrees), wrong signs and order of the products
+    of inertia, inertia about the link's frame, wrongly mirrored links, missing inertials,
+    placeholders, the mass of the whole robot on one link, and inertials that no body can have. A
+    mistake in stated numbers has a repair only if it explains all that the file states of the link,
+    and every other mistake is more than e^4 times less likely. The repair of a missing or zero
+    inertial is that of the link on the other side, or that of the filled shape. Meshes are
     not read: links whose geometry is not made of boxes, cylinders and spheres are judged by their
     joints and the other links alone.
 
@@ -358,7 +365,7 @@ def _stated(link: Element, name: str) -> Inertial | None:
 
 
 class _Trial(NamedTuple):
-    """An inertial without a mistake: its cost with the rarity of the mistake, and its name."""
+    """An inertial with one mistake undone; `cost` includes the rarity of that mistake."""
 
     cost: float
     mistake: str
@@ -373,7 +380,8 @@ def _possible(link: CheckedLink, links: Links) -> list[_Trial]:
     if stated is None or zero(stated):
         return []
     for mistake, inertial in without_mistakes(stated):
-        # The term is added to anything: only what became negative shows that it was taken off.
+        # The parallel-axis term can be added to any inertial. Only an inertial that became negative
+        # shows that somebody subtracted the term.
         if mistake == PARALLEL_AXIS and (links.signs_explain or np.isfinite(stated.excess())):
             continue
         # Any mistake competes with none, which is more frequent.
@@ -410,11 +418,12 @@ def _judged(link: CheckedLink, links: Links) -> ModelFinding | None:
                 evidence=evidence,
                 repair=_body(best.inertial),
             )
-        # A number that no mistake explains contradicts the other side, too: only none is replaced.
+        # A stated number that no mistake explains contradicts the other side, too. So only zeros
+        # are replaced.
         guess = _guess(link, links) if zero(stated) else None
         return ModelFinding(link=link.name, mistake=proof, evidence=np.inf, repair=guess)
-    # Exactly the other side, or the filled shape, is a proof by itself; that all other links are as
-    # large as their shapes is one beside a repair.
+    # A repair that is exactly the other side, or the filled shape, is a proof by itself. A stated
+    # inertial that is `impossible` among the other links is a proof only with a certain repair.
     exact = exact and not coincides(stated, link)
     if best is None or not (exact or (certain and impossible(stated, link, links))):
         return None
@@ -451,10 +460,11 @@ def _same(trial: _Trial, other: _Trial) -> bool:
 
 
 def _open(best: _Trial, proof: str) -> bool:
-    """Whether a mistake leaves open what the right number is, unless the file states it twice.
+    """Whether a mistake leaves open which number is wrong, or what the right number is.
 
-    A slip of the triangle inequality may be of any number; an inertia that is too small for its
-    centre of mass is one of two; a decimal point explains many a number.
+    If moments violate the triangle inequality, any of them may be wrong; if an inertia is too small
+    for its centre of mass, either of the two may be wrong. A misplaced decimal point explains many
+    numbers, unless the file states the right one twice.
     """
     if "triangle" in proof or best.mistake == PARALLEL_AXIS:
         return True
@@ -498,8 +508,8 @@ def _negligible(link: CheckedLink, links: Links) -> bool:
     """Whether a link hardly weighs: many files have such ones for the sake of simulators."""
     if link.stated is None:
         return False
-    # Half of a file may be such links.
-    # Relative to the larger half, so that the size of the robot does not matter.
+    # Half of a file may be such links, so that the scale is the file's larger masses and inertias.
+    # Relative to them, the size of the robot does not matter.
     heavy, large = links.larger
     light = abs(link.stated.mass) <= SETTINGS.negligible * heavy
     return bool(light and link.stated.about_joint() <= SETTINGS.negligible * large)
