@@ -34,7 +34,7 @@ class DialectSettings:
     lines : int
         Lines of that end that are examined.
     share : float
-        Fraction of the rows in which a column must hold a number to count as one of numbers.
+        Least fraction of the rows in which a numeric column holds a number, an instant or no value.
     above : int
         Lines above the first row among which the heading is looked for.
     preamble : int
@@ -101,7 +101,7 @@ class _Layout(NamedTuple):
     weight: float
 
     def is_row(self, cells: Sequence[str]) -> bool:
-        """Whether a line is a row: numbers, or none, wherever the others have numbers."""
+        """Whether a line is a row: its numeric cells are values or missing, and one is a value."""
         width = len(_trimmed(cells, self.width))
         return width == self.width and _are_numbers(cells, self.numeric)
 
@@ -131,15 +131,15 @@ def dialect_of(path: str | Path) -> Dialect:
     layouts = [layout for layout in (_layout(ending, s) for s in SEPARATORS) if layout is not None]
     if not layouts:
         raise ValueError(_no_rows(path, encoding))
-    # The separator of a heading is that of the rows: what does not fit both is a worse guess.
+    # The best guess from the rows comes first; its separator must also fit the heading.
     layouts.sort(key=lambda layout: layout.weight, reverse=True)
     problems = list[str]()
     better = list[str]()
     for layout in layouts:
         above, row = _lines_above(path, encoding, layout)
         heading = _heading(above, row, layout)
-        # Names that hold a better separator are a heading of another width than the rows; so is
-        # one name that holds any.
+        # A name that contains a better separator shows that the heading and the rows differ in
+        # width. If the rows have one cell, any separator shows this.
         foreign = better if layout.width > 1 else [s for s in SEPARATORS if s is not None]
         if heading is None or any(s in name for s in foreign for name in heading[0]):
             problems.append(_no_heading(above, row, layout))
@@ -169,7 +169,7 @@ def _encoding(path: str | Path) -> str:
         # The last character may be cut in two, so its bytes are left out.
         head[: len(head) - 4 if len(head) == SETTINGS.tail else None].decode("utf-8")
     except UnicodeDecodeError:
-        # A file with zero bytes is no text at all.
+        # NUL bytes show that the file is not text, so cp1252 is not tried.
         return "utf-8-sig" if b"\0" in head else "cp1252"
     return "utf-8-sig"
 
@@ -276,7 +276,7 @@ def _lines_above(
 
 
 def _numbered(path: str | Path, encoding: str, separator: str | None) -> Iterator[_Line]:
-    """The lines of a file that are not empty; those that are marked as comments hold words."""
+    """The lines at the start of a file that are not empty; comments lose their mark."""
     with open(path, encoding=encoding) as file:
         for number, text in enumerate(lines_of(file), 1):
             if number > SETTINGS.preamble:
@@ -295,7 +295,7 @@ def _heading(
     """Names, units, and the number of lines before the first row; None without a heading."""
 
     def may_stand_below(line: _Line) -> bool:
-        # So may a row with a cell too few or too many, and a comment.
+        # A comment, or a row with a cell too few or too many, may stand there as well.
         return _fits(line.cells, layout) or line.is_numbers or line.marked
 
     near = itertools.takewhile(may_stand_below, above)
@@ -314,7 +314,7 @@ def _heading(
         units, line, at = line, fitting[at + 1], at + 1
     elif at and _are_units(fitting[at - 1].cells):
         units = fitting[at - 1]
-    # Nothing but rulers stands between the heading and the first row, unless a row is broken.
+    # Rulers below the heading are skipped, unless a broken row or a comment stands there too.
     nearest = units or line
     skip = row.number - 1 if row is not None and nearest is above[0] else nearest.number
     names = line.cells
@@ -346,13 +346,13 @@ def _trimmed(cells: Sequence[str], width: int) -> list[str]:
 
 
 def _fits(cells: Sequence[str], layout: _Layout) -> bool:
-    """Whether a line has as many cells as the rows, or one more that is empty in either."""
+    """Whether a line is as wide as the rows, or one cell wider if it or all rows end empty."""
     surplus = len(cells) == layout.width + 1 and (layout.trailing or not cells[-1])
     return len(cells) == layout.width or surplus
 
 
 def _are_units(cells: Sequence[str]) -> bool:
-    """Whether each cell is a unit, or empty, and one at least is no digit."""
+    """Whether each cell is a unit or empty, and at least one unit is not "1"."""
     units = [unit_named(cell) for cell in cells if cell]
     return None not in units and any(unit != "1" for unit in units)
 

@@ -1,11 +1,11 @@
-"""The drive of each joint: motor, gear, friction, amplifier. Only this file crosses the gear.
+"""The drive of each joint: motor, gear, friction, amplifier.
 
-Source: paper Fig. 4 and appendix. Conventions: q_m = k q, tau = k tau_m, with k signed; friction is
-given motor side, as the paper measured it, and becomes b k^2 and c abs(k) on the joint. Where one
-motor moves several joints, all this holds on its gear's output, the shaft
-(`plant.mechanics.coupling`), which otherwise is the joint. The current loop is neglected
-(paper 3.3, 4.2: its time constant is far below the mechanical one): the motor torque is the
-commanded torque.
+Source: paper Fig. 4 and appendix. Conventions: q_m = k q and tau = k tau_m, with k signed. Friction
+is given on the motor side, as the paper measured it. On the joint the viscous coefficient b becomes
+b k^2, and the Coulomb level c becomes c abs(k). If one motor moves several joints, these relations
+hold for the shaft, the output of its gear, in place of the joint (`plant.mechanics.coupling`).
+Without `current_lag` the motor torque is the commanded torque: the time constant of the current
+loop is far below the mechanical one (paper 3.3, 4.2).
 """
 
 import dataclasses
@@ -51,7 +51,9 @@ _FRICTION = ("viscous", "coulomb")  # fields that may be open
 
 @part
 class Drive(Part):
-    """Motors and gears, *motor side*; every field has one number per joint, or one for all.
+    """Motors and gears, *motor side* unless a field says otherwise.
+
+    A field of numbers has one number per joint, or one for all.
 
     Parameters
     ----------
@@ -59,8 +61,8 @@ class Drive(Part):
         k, motor turns per turn of the joint, signed: negative where the motor turns against the
         joint.
     motor_inertia : (n,) array_like
-        Rotor inertia Jm [kg m^2]. f contains Jm k^2 already (f1 and f7 of the paper), so it is not
-        added to D again.
+        Rotor inertia Jm [kg m^2]. The arm's parameters f already contain Jm k^2 (f1 and f7 of the
+        paper), so Jm k^2 is not added to the inertia matrix D again.
     viscous : (n,) array_like or None
         Kfr-visc [N m s/rad]. None leaves it open: `identification.identify` estimates it together
         with f.
@@ -83,21 +85,21 @@ class Drive(Part):
     presliding : Presliding, optional
         Presliding distance [rad] and micro-damping [N m s/rad] of the friction; none by default.
     load_friction : (n,) array_like or LoadFriction, optional
-        Rise of the Coulomb level over the torque that the gear transmits, a share, joint side; none
-        by default.
+        Rise of the Coulomb level as a share of the torque that the gear transmits, both joint side;
+        none by default.
     friction_drift : FrictionDrift, optional
         Slow drift of all friction, relative, from the start of a run [s]; none by default.
     ripple : TorqueRipple, optional
         Cogging of the motors [N m] over their angle [rad]; none by default.
     torque_step : float or (n,) array_like, optional
-        Step to whose multiples motor torques are rounded [N m]: of CiA 402 a thousandth of the
-        rated torque.
+        Motor torques are rounded to multiples of this step [N m]. Under CiA 402 it is a thousandth
+        of the rated torque.
     joints : tuple of str, optional
         Names of the joints, for messages, tables and figures of the logs and the laws of this
         drive.
     left_open : tuple of str, optional
-        Those of "viscous" and "coulomb" that are open, and zero until they are identified; a value
-        of None adds them.
+        Those of "viscous" and "coulomb" that are open. An open field is zero until it is
+        identified. A field that is given as None is added here.
 
     See Also
     --------
@@ -226,8 +228,8 @@ class Drive(Part):
         if np.ndim(fields.get("gear", ())) == 0:
             fields["gear"] = np.full(len(chosen), fields["gear"])
         names = tuple(joint.name for joint in chosen)
-        # First a drive with placeholders, which checks the fields and knows the gears; the numbers
-        # of the file are joint side and go to the motor with them.
+        # A drive with placeholders first checks the fields. Its gears and motor gains then convert
+        # the numbers of the file, which are joint side, to the motor side.
         placeholders = {"viscous": 0.0, "coulomb": 0.0, "current_limit": np.inf}
         drive = cls(**({"joints": names} | placeholders | fields))
         per_motor = np.abs(drive.gear)
@@ -311,7 +313,7 @@ class Drive(Part):
     def joint_viscous(self, qd: ArrayOrSymbols = 0.0) -> Any:
         """Viscous friction b k^2 [N m s/rad], on the joint (or shaft) at speeds qd [rad/s].
 
-        Times the speed it is the torque, also where it saturates.
+        The result times the speed is the viscous torque, even where that torque saturates.
         """
         viscous = self.viscous
         # The curve takes the speed of the motor, as the Coulomb level does.
@@ -323,7 +325,7 @@ class Drive(Part):
     def joint_coulomb(self, qd: ArrayOrSymbols | None = None) -> ArrayOrSymbols:
         """Coulomb level c abs(k) [N m] on the joint (or shaft) at speeds qd [rad/s].
 
-        By default its size: what it is at rest, or has risen to.
+        Without qd it is the full Coulomb friction, plus what the curve adds at rest.
         """
         # The curve takes the speed of the motor, k qd; its level is even in it.
         level = self.coulomb
@@ -379,9 +381,9 @@ class Drive(Part):
         return self.coupling.joint_torque(shaft)
 
     def loaded(self, level: ArrayOrSymbols, load: ArrayOrSymbols | None) -> ArrayOrSymbols:
-        """Coulomb level [N m] of the shafts with that of a joint torque which the gears transmit.
+        """Coulomb level [N m] of the shafts, raised by the load friction.
 
-        `load` [N m]; None leaves it out.
+        `load`: joint torque [N m] that the gears transmit; None leaves the level as it is.
         """
         if load is None or self.load_friction is None:
             return level

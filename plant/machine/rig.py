@@ -24,8 +24,7 @@ from plant.parts import (
     structure,
 )
 
-# How the names of a rig's numbers begin that are zero for joints without dry friction, as in linear
-# analysis.
+# `sliding_rig` sets the numbers of dry friction to zero. Their names begin with one of these.
 DRY_FRICTION = (
     "drive.coulomb",
     "drive.curve.breakaway",
@@ -38,8 +37,8 @@ DRY_FRICTION = (
 class Jitter(Part):
     """Uniform random displacement of the instants at which a law reads the encoders.
 
-    The log is taken at its own even instants, the torque begins where it would without; linear
-    analysis leaves jitter out.
+    Jitter moves neither the instants of the log nor the start of the torque. Linear analysis
+    ignores jitter.
 
     Parameters
     ----------
@@ -94,7 +93,7 @@ class Jitter(Part):
         return np.random.default_rng(self.seed).random(steps)
 
     def late(self, draw: SX, period: SX | float) -> SX:
-        """How late a step reads the encoders [s]."""
+        """Time [s] by which a step reads the encoders late; negative if it reads them early."""
         # All loops of a batch share one draw per step. The fractional part of a large multiple of
         # it is uniform again; with a factor far above all streams, two streams are as good as
         # independent.
@@ -114,7 +113,7 @@ class Transport(Part):
     lost : sequence of int
         Steps of the law, counted from 0, whose counts do not arrive; those of step 0 always do.
     bit : float
-        1 / 2^j for the loop whose losses are the bits of value 2^j; 1 for a loop on its own.
+        1 / 2^j for the loop whose losses are in bit j of a shared word; 1 for a loop on its own.
 
     See Also
     --------
@@ -156,16 +155,16 @@ class Transport(Part):
 
     def arrived(self, pulses: SX, seen: SX, word: SX) -> SX:
         """Counts that the law reads: these, or those that it read last."""
-        # Bit j of the word: divided by 2^j, whole, and odd. One word carries the losses of several
-        # loops.
+        # One word carries the losses of several loops. Bit j is 1 if the whole part of the word
+        # divided by 2^j is odd.
         shifted = ca.floor(word * self.bit)
         lost = shifted - 2 * ca.floor(shifted / 2)
         return lost * seen + (1 - lost) * pulses
 
     def acting(self, torque: SX, previous: SX, place: SX, h: SX) -> SX:
-        """Mean torque in sub-step `place` (from 0) after a step of the law; h is its length [s]."""
-        # The new torque acts from `delay` on; in this sub-step, which ends (place + 1) h after the
-        # sample, for the share that is left of it.
+        """Mean torque in sub-step `place` (from 0), of length h [s], after a step of the law."""
+        # This sub-step ends (place + 1) h after the sample. The new torque acts in the share of it
+        # that comes after `delay`.
         share = ca.fmin(ca.fmax(place + 1 - self.delay / h, 0), 1)
         return share * torque + (1 - share) * previous
 
@@ -242,7 +241,8 @@ class Rig(Part):
         inner = inner.for_joints(self.n)
         inner.require_joints(self.n, "inner.")
         object.__setattr__(self, "inner", inner)
-        # It would hold a goal while the next one comes. 1e-9: a period that was divided.
+        # A slower loop would still hold one goal when the next arrives. The factor tolerates the
+        # rounding of a period that was computed by division.
         if inner.period > self.period * (1 + 1e-9):
             raise ValueError(
                 f"the rig's period must be at least that of its inner loop, {inner.period:g} s; got"
@@ -284,14 +284,15 @@ class Rig(Part):
     def spring_torque(self, q: ArrayOrSymbols) -> ArrayOrSymbols:
         """Torque of the springs [N m] on the links at q [rad], in the direction of q.
 
-        Of casadi's (n, 1), or for each row of an array (..., n).
+        q is casadi's (n, 1), or an array (..., n) of rows. Without springs the result is the number
+        0.0.
         """
         return total_torque(self._springs, q) if self._springs else 0.0
 
     def limited(self, torque: ArrayOrSymbols) -> ArrayOrSymbols:
         """A law's torque [N m], joint side, within the amplifiers' limit (`Drive.limited`).
 
-        Above an inner loop the frame has limited it already.
+        With an inner loop the torque stays as it is, because the frame has limited it already.
         """
         return torque if self.inner is not None else self.drive.limited(torque)
 
@@ -321,7 +322,8 @@ class Rig(Part):
     def outside_cell(self, distance: SX, counts: SX, share: SX) -> SX:
         """Part of a distance (n, 1) [rad] that exceeds a share of the half cell.
 
-        The distance is that from the middle of the cell of these counts.
+        The distance is measured from the middle of the cell of these counts. For a smooth encoder
+        the result is the whole distance.
         """
         if self.encoder.smooth:
             return distance  # without a kink where it is zero, where loops are linearised
