@@ -4,6 +4,7 @@ The end of a file holds rows and no preamble, so it shows the separator, the num
 which of them are numbers. The heading is then above the first such row, whatever stands before it.
 """
 
+import codecs
 import dataclasses
 import itertools
 import os
@@ -34,7 +35,8 @@ class DialectSettings:
     lines : int
         Lines of that end that are examined.
     share : float
-        Least fraction of the rows in which a numeric column holds a number, an instant or no value.
+        Least fraction of the cells of a numeric column, missing ones aside, that are numbers or
+        instants.
     above : int
         Lines above the first row among which the heading is looked for.
     preamble : int
@@ -105,6 +107,13 @@ class _Layout(NamedTuple):
         width = len(_trimmed(cells, self.width))
         return width == self.width and _are_numbers(cells, self.numeric)
 
+    def is_empty(self, cells: Sequence[str]) -> bool:
+        """Whether a line is a row without values, one of whose cells says so by a word."""
+        cells = _trimmed(cells, self.width)
+        words = any(character.isalnum() for cell in cells for character in cell)
+        missing = all(cell.lower() in MISSING for cell in cells)
+        return len(cells) == self.width and words and missing
+
 
 class _Line(NamedTuple):
     number: int
@@ -166,8 +175,9 @@ def _encoding(path: str | Path) -> str:
     if head[:2] in (b"\xff\xfe", b"\xfe\xff"):
         return "utf-16"
     try:
-        # The last character may be cut in two, so its bytes are left out.
-        head[: len(head) - 4 if len(head) == SETTINGS.tail else None].decode("utf-8")
+        # The last character may be cut in two; a decoder of pieces waits for its rest.
+        decoder = codecs.getincrementaldecoder("utf-8")()
+        decoder.decode(head, final=len(head) < SETTINGS.tail)
     except UnicodeDecodeError:
         # NUL bytes show that the file is not text, so cp1252 is not tried.
         return "utf-8-sig" if b"\0" in head else "cp1252"
@@ -242,8 +252,8 @@ def _layout(lines: Sequence[str], separator: str | None) -> _Layout | None:
     width -= trailing
     numeric = set[int]()
     for i, column in enumerate(list(zip(*table, strict=True))[:width]):
-        missing = sum(cell.lower() in MISSING for cell in column)
-        if missing + sum(map(_is_value, column)) >= SETTINGS.share * len(table):
+        present = [cell for cell in column if cell.lower() not in MISSING]
+        if sum(map(_is_value, present)) >= SETTINGS.share * len(present):
             numeric.add(i)
     instants = {i for i in numeric if any(is_instant(cells[i]) for cells in table)}
     numbers = [cells[i] for cells in table for i in numeric if is_number(cells[i])]
@@ -266,9 +276,20 @@ def _lines_above(
 ) -> tuple[list[_Line], _Line | None]:
     """The last lines before the first row, the nearest first, and that row."""
     above = deque[_Line](maxlen=SETTINGS.above)
+    # The first of the rows without values that stand directly above the others.
+    empty: _Line | None = None
     for line in _numbered(path, encoding, layout.separator):
         if layout.is_row(line.cells):
-            return list(above)[::-1], line
+            # A comment of numbers is neither a row nor a heading.
+            if line.marked:
+                continue
+            return list(above)[::-1], empty or line
+        # Without names above, words such as NA may be names.
+        named = any(_fits(other.cells, layout) for other in above)
+        if named and not line.marked and layout.is_empty(line.cells):
+            empty = empty or line
+            continue
+        empty = None
         # Rulers such as ----- are no names.
         if any(character.isalnum() for cell in line.cells for character in cell):
             above.append(line)

@@ -114,6 +114,36 @@ def test_cells_without_a_value_are_nan(tmp_path):
     np.testing.assert_array_equal(table["q"], [np.nan] * 4 + [7, 8, 9, 10, 11])
 
 
+@pytest.mark.parametrize("shift", ["", "a"])
+def test_a_long_file_may_be_cut_inside_a_character(tmp_path, shift):
+    """Of the two, one has a character across the end of what shows the encoding."""
+    comment = f"# {shift}{'é' * 40_000}\n"
+    assert list(columns(tmp_path, f"{comment}t,größe\n0,1\n1,2\n")) == ["t", "größe"]
+
+
+@pytest.mark.parametrize("above", ["t,q\n", "t,q\n-,-\n", "t,q\ns,rad\n"])
+@pytest.mark.parametrize("count", [1, 9])
+def test_first_rows_without_values_are_no_heading(tmp_path, above, count):
+    table = columns(tmp_path, above + "n/a,n/a\n" * count + "0,1\n1,2\n")
+    assert list(table) == ["t", "q"]
+    np.testing.assert_array_equal(table["q"], [np.nan] * count + [1, 2])
+
+
+def test_a_name_that_also_means_no_value_stays_a_name(tmp_path):
+    assert list(columns(tmp_path, "Na\n1\n2\n")) == ["Na"]
+
+
+@pytest.mark.parametrize("heading", ["# 100, 200\nt,q\n", "t,q\n" + "# 100, 200\n" * 9])
+def test_a_comment_of_numbers_is_no_first_row(tmp_path, heading):
+    table = columns(tmp_path, heading + "0,1\n1,2\n")
+    assert {name: column.tolist() for name, column in table.items()} == {"t": [0, 1], "q": [1, 2]}
+
+
+def test_a_text_column_that_is_mostly_empty_is_no_column_of_numbers(tmp_path):
+    (tmp_path / "a.csv").write_text("t,q,note,z\n0,,,1\n1,,,2\n2,3,start,3\n")
+    assert dialect.dialect_of(tmp_path / "a.csv").numeric == ("t", "q", "z")
+
+
 @pytest.mark.parametrize(
     ("text", "message"),
     [
