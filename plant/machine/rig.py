@@ -32,6 +32,10 @@ DRY_FRICTION = (
     "drive.presliding.damping",
 )
 
+# Factor of the draws of jitter in stream 0. At stream 2^20 the factor would be twice that, and the
+# instants would follow those of stream 0; far above, the draws have no digits left.
+_FACTOR = 2**20
+
 
 @part
 class Jitter(Part):
@@ -47,7 +51,7 @@ class Jitter(Part):
     seed : int
         Seed of the draws.
     stream : float
-        A whole number, 0 or more: loops with different streams have different instants.
+        A whole number from 0 to 2^20 - 1: loops with different streams have different instants.
 
     See Also
     --------
@@ -81,10 +85,10 @@ class Jitter(Part):
                 f"seed must be a whole number, 0 or more; got {self.seed!r:.60}. Give one, such"
                 " as 0."
             )
-        if self.stream < 0 or self.stream % 1:
+        if not 0 <= self.stream < _FACTOR or self.stream % 1:
             raise ValueError(
-                f"stream must be a whole number, 0 or more; got {self.stream:g}. One loop needs"
-                " none."
+                f"stream must be a whole number, 0 or more and below {_FACTOR}; got"
+                f" {self.stream:g}. One loop needs none."
             )
         object.__setattr__(self, "seed", int(self.seed))
 
@@ -97,7 +101,7 @@ class Jitter(Part):
         # All loops of a batch share one draw per step. The fractional part of a large multiple of
         # it is uniform again; with a factor far above all streams, two streams are as good as
         # independent.
-        scaled = (2**20 + self.stream) * draw
+        scaled = (_FACTOR + self.stream) * draw
         # From 0..1 to -1..1, times the largest displacement.
         return self.share * period * (2 * (scaled - ca.floor(scaled)) - 1)
 

@@ -149,6 +149,7 @@ def test_casadi_gives_the_same():
         (lambda: Jitter(share=0.1, seed=-1), "seed must be a whole number"),
         (lambda: Jitter(share=0.1, seed=0.5), "seed must be a whole number"),
         (lambda: Jitter(share=0.1, stream=0.5), "stream must be a whole number"),
+        (lambda: Jitter(share=0.1, stream=2**20), "stream must be a whole number"),
         (lambda: dataclasses.replace(RIG, jitter=0.1), "jitter of Rig must be of type Jitter"),
         (
             lambda: simulate(puma560.arm(), shaken(share=0.1), puma560.p_law(), PATH),
