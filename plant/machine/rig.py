@@ -1,6 +1,7 @@
 """The rig between controller and arm: drives, encoders, sampling period, delay, springs."""
 
 import dataclasses
+import math
 
 import casadi as ca
 import numpy as np
@@ -142,13 +143,23 @@ class Transport(Part):
             raise ValueError(
                 f"lost must be a sequence of steps; got {lost!r:.60}. Write ({lost!r:.60},)."
             )
-        # Step 0 has no earlier counts that could be read in their place.
-        if not all(isinstance(k, (int, np.integer)) and k >= 1 for k in lost):
+        # An iterator gives its steps once.
+        lost = tuple(lost)
+        # True is an int in Python, but no step. Step 0 has no earlier counts that could be read in
+        # the place of its own.
+        whole = all(isinstance(k, (int, np.integer)) and not isinstance(k, bool) for k in lost)
+        if not whole or min(lost, default=1) < 1:
             raise ValueError(
                 f"lost must be whole numbers of at least 1; got {lost!r:.60}. The first counts"
                 " arrive."
             )
         object.__setattr__(self, "lost", tuple(int(k) for k in lost))
+        # A power of two has the mantissa 1/2.
+        if not 0 < self.bit <= 1 or math.frexp(self.bit)[0] != 0.5:
+            raise ValueError(
+                f"bit must be 1, or 1 / 2^j for bit j of a word; got {self.bit:g}. One loop needs"
+                " none."
+            )
 
     def words(self, steps: int) -> Floats:
         """Words (steps,) of one loop: 1 at steps of the law whose counts are lost, otherwise 0."""

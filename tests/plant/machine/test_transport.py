@@ -184,6 +184,10 @@ WRONG = {
     "the first sample": (lambda: Transport(lost=(0,)), "The first counts arrive"),
     "a number, not steps": (lambda: Transport(lost=5), "must be a sequence of steps"),
     "half a step": (lambda: Transport(lost=(1.5,)), "whole numbers of at least 1"),
+    "a truth, not a step": (lambda: Transport(lost=[True]), "whole numbers of at least 1"),
+    "no power of two": (lambda: Transport(bit=0.3), "bit must be 1, or"),
+    "no bit": (lambda: Transport(bit=0), "bit must be 1, or"),
+    "a bit behind the point": (lambda: Transport(bit=2), "bit must be 1, or"),
     "a number, not a transport": (
         lambda: Rig(drive=RIG.drive, encoder=RIG.encoder, period=PERIOD, transport=1e-4),
         "transport of Rig must be of type Transport",
@@ -205,6 +209,10 @@ WRONG = {
         "needs a law whose period is at least its delay",
     ),
 }
+
+
+def test_the_lost_steps_may_come_from_an_iterator():
+    assert Transport(lost=iter((100, 101))).lost == (100, 101)
 
 
 @pytest.mark.parametrize(("call", "message"), WRONG.values(), ids=WRONG)

@@ -176,7 +176,7 @@ def test_numbers_there_and_back(example):
     assert len(values) == len(example.number_names())
     assert example.with_numbers(values) == example
     if len(values):
-        changed = values * 1.25
+        changed = values * 0.5  # a bit of `Transport` stays a power of two
         assert example.with_numbers(changed) != example
         np.testing.assert_array_equal(example.with_numbers(changed).number_values(), changed)
 
