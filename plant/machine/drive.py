@@ -33,6 +33,7 @@ from plant.parts import (
     Floats,
     Part,
     Vector,
+    choice,
     instance,
     joint_labels,
     joint_numbers,
@@ -99,7 +100,8 @@ class Drive(Part):
         drive.
     left_open : tuple of str, optional
         Those of "viscous" and "coulomb" that are open. An open field is zero until it is
-        identified. A field that is given as None is added here.
+        identified. A field that is given as None is added here. A copy with 0 for a field that was
+        open needs an empty tuple here, too.
 
     See Also
     --------
@@ -134,15 +136,19 @@ class Drive(Part):
     left_open: tuple[str, ...] = structure(default=())
 
     def __post_init__(self) -> None:
+        # A string is one name.
+        opened = (self.left_open,) if isinstance(self.left_open, str) else tuple(self.left_open)
+        for name in opened:
+            choice("left_open of Drive", name, _FRICTION)
         # None opens a kind of friction: it is zero until an identification finds it.
         for name in _FRICTION:
             if getattr(self, name) is None:
                 object.__setattr__(self, name, np.zeros(np.shape(self.gear)))
-                object.__setattr__(self, "left_open", (*self.left_open, name))
+                opened += (name,)
         super().__post_init__()
         # Numbers that an identification puts in close what was open.
         still_open = tuple(
-            name for name in _FRICTION if name in self.left_open and not getattr(self, name).any()
+            name for name in _FRICTION if name in opened and not getattr(self, name).any()
         )
         object.__setattr__(self, "left_open", still_open)
         # The names are checked before the numbers, since the messages below use them as labels.
@@ -261,7 +267,8 @@ class Drive(Part):
         if self.left_open:
             raise ValueError(
                 f"friction must be known; this drive leaves {' and '.join(self.left_open)} open."
-                " Take found.rig of identify, which finds it, or give numbers; 0 is none."
+                " Take found.rig of identify, which finds it, or give numbers (0 is none) and"
+                " left_open=()."
             )
 
     def motor_angle(self, q: ArrayOrSymbols) -> ArrayOrSymbols:

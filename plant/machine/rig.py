@@ -2,6 +2,8 @@
 
 import dataclasses
 import math
+from collections.abc import Mapping
+from typing import Self
 
 import casadi as ca
 import numpy as np
@@ -263,6 +265,19 @@ class Rig(Part):
                 f"the rig's period must be at least that of its inner loop, {inner.period:g} s; got"
                 f" {self.period:g} s. Send goals less often."
             )
+
+    def filled(self, values: Mapping[str, float], prefix: str = "") -> Self:
+        """Copy with the numbers in `values`, by name; friction that they name is no longer open."""
+        rig = super().filled(values, prefix)
+        if not rig.drive.left_open:
+            return rig
+        # A value is known even if it is 0, which by itself leaves an open field open.
+        named = {name.partition("[")[0] for name in values}
+        still_open = tuple(
+            kind for kind in rig.drive.left_open if f"{prefix}drive.{kind}" not in named
+        )
+        drive = dataclasses.replace(rig.drive, left_open=still_open)
+        return dataclasses.replace(rig, drive=drive)
 
     @property
     def _springs(self) -> tuple[KnownTorque, ...]:

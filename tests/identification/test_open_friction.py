@@ -57,6 +57,20 @@ def test_an_open_drive_is_no_plant():
     assert with_drive(rig, viscous=(1e-3, 1e-3)).drive.left_open == ()
 
 
+def test_friction_that_is_0_is_known_where_it_is_said():
+    rig = with_drive(puma560.rig(), viscous=None, coulomb=None)
+    with_drive(rig, viscous=0.0, coulomb=0.0, left_open=()).drive.require_friction()
+    assert rig.filled({"drive.coulomb[0]": 0.0}).drive.left_open == ("viscous",)
+    assert rig.filled({"a.drive.coulomb[0]": 0.0}, "a.").drive.left_open == ("viscous",)
+    assert rig.filled({"period": 0.0}).drive.left_open == ("viscous", "coulomb")
+
+
+@pytest.mark.parametrize("opened", [("coulombs",), (None,)])
+def test_a_field_that_cannot_be_open_is_refused(opened):
+    with pytest.raises(ValueError, match="left_open of Drive must be one of 'viscous', 'coulomb'"):
+        with_drive(puma560.rig(), left_open=opened)
+
+
 def test_an_open_drive_is_saved_and_restored(tmp_path):
     rig = with_drive(puma560.rig(), viscous=None, coulomb=None)
     rig.save(tmp_path / "rig.json")
