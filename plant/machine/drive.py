@@ -356,19 +356,24 @@ class Drive(Part):
     def joint_presliding(self) -> tuple[ArrayOrSymbols, ArrayOrSymbols | None]:
         """Presliding distance [rad] and micro-damping [N m s/rad] (or None), joint (or shaft).
 
-        d / abs(k), and the damping of the motor times k^2.
+        d / abs(k), and the damping of the motor times k^2; zeros and None without presliding.
         """
-        presliding: Any = self.presliding
-        damping = presliding.damping
+        if self.presliding is None:
+            return 0.0 * self.gear, None
+        damping: Any = self.presliding.damping
         # Micro-damping is crossed like viscous friction, the distance like an angle.
         if damping is not None:
             damping = damping * self.gear * self.gear
-        return presliding.distance / _magnitude(self.gear), damping
+        return self.presliding.distance / _magnitude(self.gear), damping
 
     def ripple_torque(self, q: ArrayOrSymbols) -> ArrayOrSymbols:
-        """Joint torque of the motors' ripple [N m] at joint angles q [rad] on rigid gears."""
-        ripple: Any = self.ripple
-        return self.joint_torque(ripple.torque(self.motor_angle(q)))
+        """Joint torque of the motors' ripple [N m] at joint angles q [rad] on rigid gears.
+
+        Without ripple the result is the number 0.0.
+        """
+        if self.ripple is None:
+            return 0.0
+        return self.joint_torque(self.ripple.torque(self.motor_angle(q)))
 
     def joint_offset(self) -> ArrayOrSymbols:
         """Friction offset [N m], on the joint (or shaft): the same in both directions of motion."""

@@ -150,6 +150,12 @@ def test_a_short_distance_ends_in_coulomb_friction():
     assert abs(stops[0] / coulomb - 1) < 2e-2
 
 
+def test_a_drive_without_it_has_no_distance():
+    distance, damping = puma560.rig().drive.joint_presliding()
+    np.testing.assert_array_equal(distance, np.zeros(2))
+    assert damping is None
+
+
 @pytest.mark.parametrize("pulses", [1e-9, 1e-3, 0.1, 1.0, 5.0, 20.0])
 @pytest.mark.parametrize("damping", [None, (1e-2, 1e-2)])
 def test_the_default_step_is_stable_at_any_distance(pulses, damping):

@@ -63,6 +63,10 @@ def test_its_work_on_the_joint_is_that_on_the_motor():
     np.testing.assert_allclose(drive.ripple_torque(q), drive.gear * motor, rtol=1e-14)
 
 
+def test_a_drive_without_it_has_no_torque_of_it():
+    assert puma560.rig().drive.ripple_torque(np.zeros(2)) == 0.0
+
+
 def test_the_linear_model_has_its_stiffness():
     """At angle 0 the torque rises with amplitude cycles k^2 per rad: a spring that pushes away."""
     law = puma560.p_law((0.2, 0.15))
