@@ -8,7 +8,6 @@ the logarithm of how much likelier a size makes the log.
 import math
 
 import numpy as np
-from scipy.optimize import minimize_scalar
 
 from identification.equation_error.regressor import regressor_along
 from identification.equation_error.stated_equation import SETTINGS
@@ -169,6 +168,8 @@ def counts_lateness(equation, joints):
     """
     if not _of_law(equation) or not equation.constant:
         return
+
+    from scipy.optimize import minimize_scalar
 
     def unlikely(size):
         return equation.evidence - counts_in_time(equation, joints, size).evidence
