@@ -151,10 +151,12 @@ def prepare(
     # 1. Records and unknowns.
     all_records, unknown = as_records(dynamics, records, unknown)
     naming.of_each(lambda record: record.rig.require_fit(dynamics.chain), all_records)
-    # Names once each, those of the user first.
-    open_friction = _left_open(all_records, dynamics.chain.joint_labels)
-    unknown = tuple(dict.fromkeys([*unknown, *open_friction]))
     searched, validation = _set_aside(dynamics, all_records, held_out, method)
+    # Ranges of the user's unknowns alone leave no room for others.
+    complete = np.iterable(ranges) and len(tuple(ranges)) == len(unknown)
+    labels = dynamics.chain.joint_labels
+    # Names once each, those of the user first.
+    unknown = (*unknown, *_left_open(searched, labels, unknown, complete))
     of_f = _prior(dynamics, searched, prior)
     held = _held(dynamics, searched, unknown, of_f)
     searched, validation = (
@@ -174,7 +176,6 @@ def prepare(
         along_log(record, unknown_law=of_law) if state is None else state[0]
         for record, state in zip(objective.records, told, strict=True)
     )
-    labels = dynamics.chain.joint_labels
     # The check takes the logs in this form, in which the torque of a law counts like a logged one.
     naming.of_each(
         lambda record: require_informative(record, labels, prior=of_f is not None), followed
@@ -242,17 +243,32 @@ def _prior(dynamics, records, prior):
     return prior if isinstance(prior, Prior) else Prior.of(dynamics, records[0].rig, prior)
 
 
-def _left_open(records, labels):
-    """Friction that the rig leaves open, of joints that move; warns of zero friction elsewhere."""
-    # A joint at rest shows no friction but what holds it.
+def _left_open(records, labels, unknown, complete):
+    """Further unknowns: friction that the rig leaves open, of joints that move.
+
+    `complete`: whether no unknowns can be added. Warns of friction that is taken as zero.
+    """
     drive = records[0].rig.drive
     idle = still(records)
-    if drive.left_open and idle.size < drive.n:  # if no joint moves, the log is refused
-        for i in idle.tolist():
-            warn(f"identify: friction of {labels[i]} is taken as zero: the joint hardly moves.")
-    return [
-        f"drive.{kind}[{i}]" for kind in drive.left_open for i in range(drive.n) if i not in idle
-    ]
+    further = []
+    # If no joint moves, the log is refused.
+    if idle.size == drive.n:
+        return further
+    taken = dict[str, list[str]]()
+    for kind in drive.left_open:
+        for i in range(drive.n):
+            name = f"drive.{kind}[{i}]"
+            if name in unknown:
+                continue
+            if i in idle:
+                taken.setdefault(f"{labels[i]} hardly moves", []).append(name)
+            elif complete:
+                taken.setdefault("ranges have no row for it", []).append(name)
+            else:
+                further.append(name)
+    for reason, names in taken.items():
+        warn(f"identify: friction {', '.join(names)} is taken as zero: {reason}.")
+    return further
 
 
 def _held(dynamics, records, unknown, prior):

@@ -191,7 +191,10 @@ def identify(
             dynamics, records, held_out, unknown, method, ranges
         )
     tolerances = instance(
-        "tolerances", tolerances or Tolerances(), Tolerances, "Give Tolerances(gear=0.01)."
+        "tolerances",
+        Tolerances() if tolerances is None else tolerances,
+        Tolerances,
+        "Give Tolerances(gear=0.01).",
     )
     with progress_bar(sum(_SHARES.values()), "identify", "share", progress) as bar:
         with _part(bar, "the logs"):
@@ -251,12 +254,13 @@ def _identified(problem: Problem, bar: ProgressBar, started: float) -> Identific
         with _part(bar, "tests of the rig"):
             result = _assess(problem, outcome, started)
     except ValueError as error:
-        # Where no arm follows from the log alone, one may follow with a prior.
-        with_prior = _beside_model(problem, bar, started)
         # A prior helps with f only: an error that names a number of rig or law stays.
         names = problem.dynamics.names
-        if with_prior is not None and getattr(error, "name", names[0]) in names:
-            return with_prior
+        if getattr(error, "name", names[0]) in names:
+            # Where no arm follows from the log alone, one may follow with a prior.
+            reason = "no arm follows from the log alone"
+            if with_prior := _beside_model(problem, bar, started, reason):
+                return with_prior
         # A wrong statement can cause any error, so it is named first.
         if cause := _likely_cause(problem):
             raise ValueError(f"{cause} Correct that first; as it is, {error}") from error
@@ -264,12 +268,17 @@ def _identified(problem: Problem, bar: ProgressBar, started: float) -> Identific
     # If the search fell back to a rougher method, the model's own bodies as a prior may do better.
     if result.fit.fallback_reason is None:
         return result
-    with_prior = _beside_model(problem, bar, started)
-    return result if with_prior is None else with_prior
+    reason = f"the log alone gives a rougher fit: {result.fit.fallback_reason}"
+    return _beside_model(problem, bar, started, reason) or result
 
 
-def _beside_model(problem: Problem, bar: ProgressBar, started: float) -> Identification | None:
-    """Identify with the model's own bodies as a prior; None where that cannot help."""
+def _beside_model(
+    problem: Problem, bar: ProgressBar, started: float, reason: str
+) -> Identification | None:
+    """Identify with the model's own bodies as a prior; None where that cannot help.
+
+    `reason` is why the log alone does not suffice, for the warning.
+    """
     dynamics = problem.dynamics
     records = problem.records
     if problem.prior is not None:
@@ -286,7 +295,7 @@ def _beside_model(problem: Problem, bar: ProgressBar, started: float) -> Identif
         # A result with doubts would hide the reason why the log alone does not suffice.
         if not doubts(result):
             text = advice(dynamics, records, prior)
-            warn(f"identify: no arm follows from the log alone. {text}")
+            warn(f"identify: {reason}. {text}")
             return result
     return None
 

@@ -142,9 +142,9 @@ def along_log(record: Record, *, unknown_law: bool = False) -> Record:
     if law is None or law.replays or not law.has_memory(record.n):
         return record
     # Fast hardware differentiates its reference between samples, where whole counts stand still.
-    rounded = (record.reference_pulses == np.trunc(record.reference_pulses)).all()
-    moving = np.ptp(record.reference_pulses) > 0
-    if law.period is None and record.reference is None and rounded and moving:
+    rounded = (record.reference_pulses == np.trunc(record.reference_pulses)).all(axis=0)
+    moving = np.ptp(record.reference_pulses, axis=0) > 0
+    if law.period is None and record.reference is None and (rounded & moving).any():
         raise ValueError(
             f"the reference of a fast {type(law).__name__} must be known between samples, since its"
             " memory is; whole counts leave it open. Give reference=, or the reference without"
@@ -277,7 +277,8 @@ def _extended(since, column, back):
     """Whole counts (N, n) at times `back`, which lead to those of a column (s, n) at `since`."""
     polynomial = np.polynomial.polynomial
     line = polynomial.polyfit(since, column, 1)
-    counts = column[0] + line[1] * back[:, None]
+    # The line leads to the first of these samples, which may be later than the log's first.
+    counts = column[0] + line[1] * (back[:, None] - since[0])
     # A joint whose counts visibly bend (long samples, fine encoder) also moved on a bend before.
     bent = np.abs(polynomial.polyval(since, line).T - column).max(axis=0) > SETTINGS.bent
     first = slice(SETTINGS.closest)

@@ -395,19 +395,18 @@ def write_model(
     # A macro has no place for numbers.
     if is_xacro(root):
         raise ValueError(f"source must be a URDF file; {source} is xacro. Expand it first.")
+    in_place = _keeps_urdf(root, path)
     arm, drive = _arm_of(found_or_arm)
     joints = matching_joints(arm, model)
     result = bodies_of(
         found_or_arm,
         arm,
         model,
-        _prior_bodies(prior),
+        _prior_bodies(prior, model, joints),
         nearest,
         np.array([joint.armature for joint in joints]),
     )
-    # With coupled motors no joint has a motor or friction of its own: neither is written.
-    if drive is not None and drive.coupling.matrix:
-        drive = None
+    drive = _of_single_joints(drive, path, friction, motors and not in_place)
     levels = None
     if drive is not None and friction:
         levels = drive.joint_viscous(), drive.joint_coulomb()
@@ -417,7 +416,7 @@ def write_model(
                 f" {', '.join(without)}. Keep the rig beside it (write_robot)."
             )
     # 1. URDF in place: bytes of inertials and friction alone.
-    if root.tag == "robot" and path.suffix not in _MJCF:
+    if in_place:
         edits = []
         for link, body in _changed(model, result):
             edits += urdf_inertial(model.data, model.links[link], body)
@@ -488,10 +487,49 @@ def _read(path: str | Path) -> tuple[ModelFile, Element]:
     return _READERS[root.tag](path), root
 
 
-def _prior_bodies(prior: str | Path | Mapping[str, Body] | None) -> Mapping[str, Body]:
-    """Bodies by link."""
-    if prior is None or isinstance(prior, Mapping):
-        return prior or {}
+def _of_single_joints(
+    drive: Drive | None, path: Path, friction: bool, motors: bool
+) -> Drive | None:
+    """The drive, or None where its motors are coupled, which leaves out friction and motors."""
+    # With coupled motors no joint has a motor or friction of its own: neither is written.
+    if drive is None or not drive.coupling.matrix:
+        return drive
+    if omitted := ["friction"] * friction + ["motors"] * motors:
+        warn(
+            f"write_model: {path.name} holds drives of single joints alone; it leaves out the"
+            f" {' and '.join(omitted)} of the coupled drive. Keep the rig beside it (write_robot)."
+        )
+    return None
+
+
+def _keeps_urdf(root: Element, path: Path) -> bool:
+    """Whether the target is URDF, as its source; MJCF is written into no URDF file."""
+    suffix = path.suffix.lower()
+    if root.tag == "robot":
+        return suffix not in _MJCF
+    if suffix == ".urdf":
+        raise ValueError(
+            f"target must be MJCF, as its source is; got {path.name}. Give it the suffix .xml."
+        )
+    return False
+
+
+def _prior_bodies(
+    prior: str | Path | Mapping[str, Body] | None, model: ModelFile, joints: list[ModelJoint]
+) -> Mapping[str, Body]:
+    """Bodies by link; a user's are of links that the joints move."""
+    if prior is None:
+        return {}
+    if isinstance(prior, Mapping):
+        moved = {inertial.link for inertial in _inertials(model, joints, {})}
+        # Bodies of other links would be ignored silently; a whole file may well have them.
+        for name in prior:
+            if name in model.bodies and name not in moved:
+                raise ValueError(
+                    f"prior must be bodies of links that the arm moves; it does not move {name}."
+                    " Leave it out."
+                )
+        return prior
     # Links without an inertial have no prior.
     return {name: body for name, body in _read(prior)[0].bodies.items() if body is not None}
 

@@ -10,7 +10,7 @@ from plant.checkup.hypothesis import Joints, columns_of
 from plant.checkup.quantisation import grid, noted_steps
 from plant.checkup.rounding import rounding_log_odds
 from plant.checkup.score import SETTINGS, Experiment
-from plant.checkup.stamps import chance_of_period
+from plant.checkup.stamps import chance_of_period, unit_of_time
 from plant.checkup.torque_regression import TorqueRegression, least_squares
 from plant.checkup.undo import (
     SLACK,
@@ -555,9 +555,9 @@ def _interval_ratio(experiment):
 
 def time_unit_evidence(experiment: Experiment, joints: Joints) -> Iterator[tuple[float, float]]:
     """Log odds of times in milliseconds or microseconds, by the rig's period."""
-    factor = 1e3 ** np.round(np.log10(_interval_ratio(experiment)) / 3)
+    factor = unit_of_time(_interval_ratio(experiment))
     if factor != 1:
-        yield float(factor), abs(float(np.log(factor))) * _PER_E_FOLD
+        yield factor, abs(float(np.log(factor))) * _PER_E_FOLD
 
 
 def period_evidence(experiment: Experiment, joints: Joints) -> Iterator[tuple[float, float]]:

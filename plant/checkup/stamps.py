@@ -80,10 +80,8 @@ def _period(signals):
     """Median interval against the rig's period [ms]."""
     # The median is that of regular rows, however many are missing.
     ratio = signals.interval / signals.rig.period
-    thousands = np.log10(ratio) / 3
-    # Milliseconds or microseconds are a power of a thousand, but for 0.03 * 3 decades.
-    if abs(thousands) > 0.5 and abs(thousands - round(thousands)) < 0.03:
-        factor = 1e3 ** round(thousands)
+    factor = unit_of_time(ratio)
+    if factor != 1:
         advice = (
             f"Times are {factor:g} times what the rig's period says: give seconds (divide t by"
             f" {factor:g})."
@@ -97,6 +95,14 @@ def _period(signals):
         ratio - 1, advice, look=TIME.period + chance, wrong=TIME.other_period + chance
     )
     return replace(finding, value=signals.interval * 1e3)
+
+
+def unit_of_time(ratio: float) -> float:
+    """The power of a thousand that a ratio of intervals is; 1 where it is near no other."""
+    thousands = np.log10(ratio) / 3
+    # Milliseconds or microseconds are a power of a thousand, but for 0.03 * 3 decades.
+    near = abs(thousands - round(thousands)) < 0.03
+    return float(1e3 ** round(thousands)) if near else 1.0
 
 
 def chance_of_period(signals: Signals) -> float:

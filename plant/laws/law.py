@@ -448,11 +448,18 @@ def _checked_step(law: Law, arguments: tuple[Any, ...]) -> Step:
             f" {signature}. Correct the arguments."
         ) from None
     result = law.equations(*arguments)
-    if not isinstance(result, tuple) or len(result) != 2:
-        raise ValueError(
-            f"equations of {kind} must return (torque, state); got a {type(result).__name__}."
-            " Add it."
-        )
+    rule = f"equations of {kind} must return (torque, state)"
+    if not isinstance(result, tuple):
+        raise ValueError(f"{rule}; got a {type(result).__name__}. Add the other.")
+    if len(result) != 2:
+        raise ValueError(f"{rule}; got {len(result)} values. Return these two.")
+    # A plain number or a list has no shape to check.
+    for part, value in zip(("torque", "state"), result, strict=True):
+        if not hasattr(value, "shape"):
+            raise ValueError(
+                f"{rule} as casadi.SX; got a {type(value).__name__} as {part}. Write"
+                " casadi.SX.zeros(rig.n), or casadi.vertcat."
+            )
     return result
 
 

@@ -140,3 +140,9 @@ def test_short_names_of_f_are_names(record):
     )
     with pytest.raises(ValueError, match=r"each number once; .* comes twice"):
         Objective(dynamics, record, (dynamics.short_names[0], *dynamics.names))
+
+
+@pytest.mark.parametrize("wrong", [0, False, ()])
+def test_tolerances_that_count_as_false_are_refused(record, wrong):
+    with pytest.raises(ValueError, match=r"tolerances must be of type Tolerances; got"):
+        identify(DYNAMICS, record, tolerances=wrong, progress=False)

@@ -3,12 +3,14 @@ certificate.
 """
 
 import dataclasses
+import warnings
 
 import numpy as np
 import pytest
 
 from ctc import ComputedTorque, Uncertainty, certify
 from identification import identify
+from identification.preparation import prepare
 from plant import Drive, Rig, puma560, simulate
 from plant.parts import class_of
 
@@ -43,6 +45,68 @@ def test_what_is_stated_is_taken_as_stated(record):
         "drive.coulomb[1]",
     ]
     assert (found.rig.drive.viscous == record.rig.drive.viscous).all()
+
+
+def held_still(record):
+    """The record with an elbow that does not move."""
+    reference, error = record.reference_pulses.copy(), record.error_pulses.copy()
+    reference[:, 1], error[:, 1] = record.counts[0, 1], 0
+    return dataclasses.replace(
+        record, reference=None, reference_pulses=reference, error_pulses=error
+    )
+
+
+def further_unknowns(records, **options):
+    """Unknowns of the drive, and what was said of friction, before a search."""
+    options = {"unknown": None, "held_out": None, "ranges": None} | options
+    records = [
+        dataclasses.replace(each, rig=with_drive(each.rig, viscous=None, coulomb=None))
+        for each in records
+    ]
+    with warnings.catch_warnings(record=True) as said:
+        warnings.simplefilter("always")
+        problem = prepare(
+            puma560.dynamics(),
+            records,
+            method="equation_error",
+            settings=None,
+            seed=0,
+            zeros=False,
+            options={},
+            prior=(puma560.arm().f, 0.5),
+            **options,
+        )
+    names = {name for name in problem.unknown if name.startswith("drive")}
+    return names, [str(line.message) for line in said if "as zero" in str(line.message)]
+
+
+OF_SHOULDER = {"drive.viscous[0]", "drive.coulomb[0]"}
+OF_ELBOW = {"drive.viscous[1]", "drive.coulomb[1]"}
+
+
+def test_a_record_set_aside_opens_no_friction(record):
+    """The elbow moves in it alone."""
+    names, said = further_unknowns([held_still(record), record])
+    assert names == OF_SHOULDER
+    assert len(said) == 1
+    assert all(name in said[0] for name in OF_ELBOW)
+
+
+def test_friction_that_is_unknown_by_name_is_not_taken_as_zero(record):
+    names, said = further_unknowns([held_still(record)], unknown=("f", *OF_ELBOW))
+    assert names == OF_SHOULDER | OF_ELBOW
+    assert said == []
+
+
+def test_ranges_of_f_leave_open_friction_out(record):
+    """As friction by direction; with a row for each number it is unknown."""
+    names, said = further_unknowns([record], ranges=puma560.PRINTED_RANGES)
+    assert names == set()
+    assert all(name in said[0] for name in OF_SHOULDER | OF_ELBOW)
+    ranges = [*puma560.PRINTED_RANGES, *[(0, 1)] * 4]
+    names, said = further_unknowns([record], ranges=ranges)
+    assert names == OF_SHOULDER | OF_ELBOW
+    assert said == []
 
 
 def test_an_open_drive_is_no_plant():

@@ -11,7 +11,8 @@ import pinocchio as pin
 import pytest
 
 from ctc import ComputedTorque, Uncertainty, certify
-from identification import Identification, identify
+from identification import Identification, identify, procedure
+from identification.equation_error import NotIdentifiableError, Prior
 from identification.results import combinations_of, origins
 from plant import Body, Chain, Drive, Dynamics, Encoder, Harmonics, Link, Rig, p_gains, simulate
 from tests.oracles.pinocchio_arm import pinocchio_model
@@ -259,6 +260,38 @@ def test_where_no_arm_follows_from_the_log_alone_the_model_s_bodies_help(amplitu
     assert found.fit.prior.spread == 0.3
     assert np.abs((found.f - found.arm.dynamics.f(BODIES)) / found.fit.std).max() < 3
     assert found.warnings == []
+
+
+def test_the_warning_says_why_the_log_alone_does_not_suffice(monkeypatch):
+    """An arm did follow from it, by a rougher method."""
+
+    def rough(problem):
+        if problem.prior is not None:
+            return search(problem)
+        own = Prior.of_model(problem.dynamics, problem.records[0].rig)
+        outcome = search(dataclasses.replace(problem, prior=own))
+        fit = dataclasses.replace(outcome.fit, covariance=None, fallback_reason="told apart")
+        return dataclasses.replace(outcome, fit=fit)
+
+    search = procedure.search
+    monkeypatch.setattr(procedure, "search", rough)
+    found, said = found_of(logged(np.diag([0.004] * 3), duration=2.0))
+    assert found.fit.prior.spread == 0.3
+    assert [line for line in said if "told apart. From the prior" in line]
+    assert not [line for line in said if "no arm" in line]
+
+
+def test_no_prior_is_tried_where_a_number_of_the_rig_is_not_identifiable(monkeypatch):
+    tried = []
+
+    def refused(problem):
+        tried.append(problem.prior)
+        raise NotIdentifiableError("drive.viscous[0] is open.", "drive.viscous[0]")
+
+    monkeypatch.setattr(procedure, "search", refused)
+    with pytest.raises(NotIdentifiableError):
+        found_of(logged(np.diag([0.004] * 3), duration=2.0))
+    assert tried == [None]
 
 
 @pytest.mark.slow

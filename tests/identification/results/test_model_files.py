@@ -131,6 +131,16 @@ def test_an_arm_of_the_file_itself_changes_no_byte(files, tmp_path):
         assert (tmp_path / name).read_bytes() == (files / name).read_bytes()
 
 
+def test_suffix_of_the_target_is_its_format(files, tmp_path):
+    dynamics = Dynamics.from_chain(Chain.from_urdf(files / "0.urdf"))
+    write_model(dynamics.arm(dynamics.f()), files / "0.urdf", tmp_path / "new.XML")
+    assert "<mujoco" in (tmp_path / "new.XML").read_text()
+    dynamics = Dynamics.from_chain(Chain.from_mjcf(files / "0.xml"))
+    with pytest.raises(ValueError, match=r"target must be MJCF, as its source is; got new.urdf"):
+        write_model(dynamics.arm(dynamics.f()), files / "0.xml", tmp_path / "new.urdf")
+    assert not (tmp_path / "new.urdf").exists()
+
+
 def test_what_f_does_not_show_is_the_prior_s(files, tmp_path):
     """With the file of the truth as prior the truth is written, although f alone does not say
     it.
@@ -194,6 +204,10 @@ def test_refusals(files, tmp_path):
     with pytest.raises(ValueError, match=r"link of the prior must be one of .*Did you mean 'l1'"):
         write_model(
             arm, files / "0.urdf", tmp_path / "x.urdf", prior={"l11": Body(mass=1, com=(0, 0, 0))}
+        )
+    with pytest.raises(ValueError, match=r"links that the arm moves; it does not move l0"):
+        write_model(
+            arm, files / "0.urdf", tmp_path / "x.urdf", prior={"l0": Body(mass=1, com=(0, 0, 0))}
         )
     (tmp_path / "x.sdf").write_text("<sdf/>")
     with pytest.raises(ValueError, match="must hold a <robot> or a <mujoco>; got <sdf>"):
@@ -425,6 +439,28 @@ def test_friction_that_a_file_cannot_hold_is_named(identified, tmp_path, curve, 
     named = [str(line.message) for line in given if "leaves out" in str(line.message)]
     assert len(named) == bool(lost)
     assert all(lost in line for line in named)
+
+
+@pytest.mark.parametrize(
+    ("name", "options", "omitted"),
+    [
+        ("a.urdf", {}, "friction of"),
+        ("a.xml", {}, "friction and motors of"),
+        ("a.urdf", {"friction": False}, ""),
+    ],
+)
+def test_what_a_file_cannot_hold_of_a_coupled_drive_is_named(
+    identified, tmp_path, name, options, omitted
+):
+    folder, found = identified
+    drive = dataclasses.replace(found.rig.drive, coupling=Coupling(matrix=((1, 0), (0.1, 1))))
+    coupled = dataclasses.replace(found, rig=dataclasses.replace(found.rig, drive=drive))
+    with warnings.catch_warnings(record=True) as given:
+        warnings.simplefilter("always")
+        write_model(coupled, folder / "arm.urdf", tmp_path / name, nearest=True, **options)
+    lines = [str(line.message) for line in given if "coupled drive" in str(line.message)]
+    assert len(lines) == bool(omitted)
+    assert all(f"leaves out the {omitted}" in line for line in lines)
 
 
 def test_identified_friction_is_written_joint_side(identified, tmp_path):

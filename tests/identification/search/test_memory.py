@@ -10,7 +10,7 @@ import pytest
 
 from ctc import ComputedTorque
 from identification import identify
-from identification.equation_error import at_work, reading
+from identification.equation_error import along_log, at_work, reading
 from plant import PD, PID, Cascade, Record, Resumed, puma560, simulate
 from plant.laws import AlongLog
 from plant.simulation import run_law
@@ -156,6 +156,30 @@ def test_a_fast_law_with_a_memory_is_refused_without_its_reference():
     assert "\n" not in str(caught.value)
 
 
+@pytest.mark.parametrize(
+    ("goals", "exact"),
+    [
+        (((100, 200), (100, 200)), True),
+        (((100, 200), (110, 200)), False),
+        (((100, 0.5), (110, 0.7)), False),
+    ],
+)
+def test_whole_counts_of_a_reference_are_exact_where_a_joint_stands(goals, exact):
+    """Each joint by itself: another joint's goal says nothing of it."""
+    record = Record(
+        t=0.01 * np.arange(10),
+        reference_pulses=np.repeat(goals, 5, axis=0),
+        error_pulses=np.zeros((10, 2)),
+        rig=dataclasses.replace(RIG, period=0.01),
+        law=PD(gain=(0.1, 0.075), derivative=(4e-4, 3e-4), filter=3000.0),
+    )
+    if exact:
+        assert isinstance(along_log(record).law, Resumed)
+        return
+    with pytest.raises(ValueError, match="must be known between samples"):
+        along_log(record)
+
+
 @pytest.mark.parametrize("rate", [1.0, 4.0])
 def test_a_filter_that_was_at_work_remembers_the_motion_before_the_log(rate):
     """As it was left by the run that the log is cut from, at 5 ms, slowly and fast."""
@@ -177,3 +201,11 @@ def test_a_filter_that_was_at_work_remembers_the_motion_before_the_log(rate):
         # States are those after each sample.
         off = np.abs(at_start.law.state - states[row - 1])
         assert off.max() < 0.005 * np.abs(states).max()
+        # Rows that were lost at the start say nothing of the motion before it.
+        valid = np.ones(len(cut))
+        valid[:4] = 0
+        lost = dataclasses.replace(cut, valid=valid)
+        after_lost, _ = at_work(lost, Resumed(law=law, state=law.initial_state(2)))
+        off = np.abs(after_lost.law.state - states[row - 1])
+        # The parabola of a fast motion leads further back with less certainty.
+        assert off.max() < {1.0: 0.005, 4.0: 0.03}[rate] * np.abs(states).max()

@@ -463,3 +463,10 @@ def test_a_sentence_with_a_full_stop_gets_no_second_one():
         "It is odd (odds 1e4). The log cannot distinguish this from: y, z. Weigh it. Log slowly."
         " Mend it."
     )
+
+
+@pytest.mark.parametrize(("ratio", "factors"), [(40, []), (100, []), (1e3, [1e3])])
+def test_a_unit_of_time_is_near_a_power_of_a_thousand(record, ratio, factors):
+    """A log of every fortieth row is in seconds."""
+    causes = dataclasses.replace(record, t=record.t * ratio).check().causes
+    assert [cause.size for cause in causes if cause.name == "unit of time"] == factors

@@ -103,6 +103,23 @@ def test_a_law_that_is_written_wrongly_says_how():
         Bare(gain=1.0)
 
 
+@pytest.mark.parametrize(
+    ("result", "cause"),
+    [
+        (lambda state: (0.0, state), "got a float as torque"),
+        (lambda state: (ca.SX.zeros(2), []), "got a list as state"),
+        (lambda state: (ca.SX.zeros(2), state, 1), "got 3 values"),
+    ],
+)
+def test_what_equations_return_is_torque_and_state(result, cause):
+    class Wrong(NoTorque):
+        def equations(self, rig, state, setpoint, pulses, torque, dt):
+            return result(state)
+
+    with pytest.raises(ValueError, match=rf"Wrong must return \(torque, state\).*{cause}"):
+        Wrong().block(RIG)
+
+
 @part
 class Counted(Law):
     """A torque that grows by one each sample; `after` is what its equations write."""
