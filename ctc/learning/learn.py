@@ -110,15 +110,15 @@ def learn(
     needed = int(2 * settings.highest_frequency * reference.duration)
     terms = min(needed, settings.largest_terms, count - 1) + 1
     inner_law = run_law
-    learnt_terms = np.zeros((terms, rig.n))
+    applied_terms = np.zeros(rig.n)
     # A law with a learnt torque goes on from its terms; any other law starts from zero.
     if isinstance(run_law, LearntTorque):
         inner_law = run_law.law
-        learnt_terms = np.resize(run_law.terms, (terms, rig.n))
+        applied_terms = run_law.terms
 
     # 2. The torque that model and learnt torque lack in each log; logs that disagree with the model
-    # are left out.
-    learnt = _torque(learnt_terms, count)
+    # are left out. The logs hold all terms that were applied, also those above the present limits.
+    learnt = _torque(applied_terms.reshape(-1, rig.n), count)
     smoothed = functools.partial(_correction, arm, rig, plant, motion, moves, learnt, settings)
     results = mapped(smoothed, logs, executor) if executor is not None else map(smoothed, logs)
     innovations = list(previous.innovations) if previous else []
@@ -138,8 +138,8 @@ def learn(
 
     # 3. The next torque: corrected, or with half of the last correction, if that did not help.
     wanted = _terms(mean, terms).ravel()
-    following = _next(previous, learnt_terms.ravel(), wanted, rms, errors, rig, settings)
-    start, wanted = following.start, following.wanted
+    following = _next(previous, applied_terms, wanted, rms, errors, rig, settings)
+    start, wanted = (_sized(flat, terms * rig.n) for flat in (following.start, following.wanted))
 
     # 4. The part of the missing torque that f and friction explain, for other paths. All of a
     # correction counts, not only the part `gain` that is added; a correction taken back does not.
@@ -205,6 +205,11 @@ def _next(
     else:
         history = _Next(
             start, wanted, previous.gain, previous.missing, previous.beyond, previous.peak, False
+        )
+    if not errors and previous is not None:
+        # The last correction is not judged yet: the next repetition may still take it back.
+        return history._replace(
+            start=previous.before, wanted=previous.wanted, diverged=previous.diverged
         )
     if not errors:
         return history
@@ -374,6 +379,11 @@ def _terms(values: Floats, terms: int) -> Floats:
     amplitudes = np.fft.rfft(even, axis=0).real / N
     amplitudes[[0, N]] /= 2
     return amplitudes[:terms]
+
+
+def _sized(terms: Floats, size: int) -> Floats:
+    """So many of the flat terms, which begin with the lowest frequency; zeros follow the last."""
+    return np.pad(terms[:size], (0, max(size - len(terms), 0)))
 
 
 def _torque(terms: Floats, count: int) -> Floats:

@@ -314,3 +314,36 @@ def test_settings_shape_what_is_learnt_and_stay(log, learnt):
 def log_of(learnt):
     """A repetition under the law that was learnt."""
     return simulate(ARM, RIG, learnt.law, PATH)
+
+
+@pytest.mark.parametrize("hertz", [10.0, 60.0])
+def test_another_highest_frequency_neither_repeats_nor_forgets_a_torque(learnt, hertz):
+    """The torque that was applied explains its log; new frequencies begin at zero."""
+    again = log_of(learnt)
+    usual = learn(learnt, BELIEVED, PATH, again)
+    settings = LearnSettings(highest_frequency=hertz)
+    result = learn(learnt, BELIEVED, PATH, again, settings=settings)
+    np.testing.assert_allclose(result.missing[-1], usual.missing[-1], rtol=1e-12)
+    size = min(len(result.law.terms), len(usual.law.terms))
+    np.testing.assert_allclose(result.law.terms[:size], usual.law.terms[:size], atol=1e-12)
+    assert np.abs(result.before[len(learnt.law.terms) :]).max(initial=0) == 0
+    # A correction of other frequencies can be taken back, too.
+    worse = dataclasses.replace(
+        again, law=None, torque=again.torque + 2 * learnt.law.torque(again.t)
+    )
+    taken_back = learn(result, BELIEVED, PATH, worse, settings=usual.settings)
+    assert taken_back.diverged
+    np.testing.assert_array_equal(taken_back.before[:size], result.before[:size])
+
+
+def test_a_correction_is_taken_back_after_a_disturbed_repetition(learnt, log):
+    again = log_of(learnt)
+    rough = np.array(again.error_pulses) + 5 * np.sign(np.sin(np.arange(len(again))))[:, None]
+    disturbed = learn(learnt, BELIEVED, PATH, dataclasses.replace(again, error_pulses=rough))
+    assert len(disturbed.left_out) == 1
+    assert disturbed.law == learnt.law
+    np.testing.assert_array_equal(disturbed.arm.f, learnt.arm.f)
+    worse = dataclasses.replace(log, law=None, torque=log.torque + 2 * learnt.law.torque(log.t))
+    result = learn(disturbed, BELIEVED, PATH, worse)
+    assert result.diverged
+    np.testing.assert_allclose(result.law.terms, 0.5 * learnt.law.terms)
