@@ -265,6 +265,11 @@ def _logs(records: Any, law: Any, rig: Rig, reference: Reference) -> tuple[list[
     # Rounding keeps a duration of a whole number of periods from gaining a sample by rounding
     # error.
     count = int(np.ceil(round(reference.duration / rig.period, 6)))
+    if count < 2:
+        raise ValueError(
+            f"reference must last longer than the period {rig.period:g} s; got"
+            f" {reference.duration:g} s. Give the whole path."
+        )
     for i, record in enumerate(logs):
         _require(record, i, law, rig, reference, count)
     if not logs:
@@ -275,7 +280,10 @@ def _logs(records: Any, law: Any, rig: Rig, reference: Reference) -> tuple[list[
 def _model(law: Any, model: Any) -> Arm:
     """Return the arm of an identification, or the given arm, or by default that of the law."""
     arm: Any = getattr(law, "arm", None) if model is None else getattr(model, "arm", model)
-    checked: Arm = instance("found", arm, Arm, f"{type(law).__name__} holds no arm; give found=.")
+    advice = "Give an Identification or its arm."
+    if model is None:
+        advice = f"{type(law).__name__} holds no arm; give found=."
+    checked: Arm = instance("found", arm, Arm, advice)
     return checked
 
 
@@ -297,8 +305,10 @@ def _require(record: Any, i: int, law: Law, rig: Rig, reference: Reference, coun
             f"{name} must have the {count} samples of the reference; got {len(record)}. Log all"
             " of it."
         )
-    # Half a period allows for jitter of time stamps, and detects a lost or doubled sample.
-    if np.abs(np.diff(record.t[:count]) - rig.period).max() > 0.5 * rig.period:
+    # Half a period allows for jitter of time stamps, and detects a lost or doubled sample. Over the
+    # whole path it also detects another period.
+    steps = np.diff(record.t[:count]) - rig.period
+    if max(np.abs(steps).max(), np.abs(steps.cumsum()).max()) > 0.5 * rig.period:
         raise ValueError(
             f"{name} must be sampled every {rig.period:g} s; got other steps. Use record.resampled."
         )
@@ -366,7 +376,9 @@ def _correction(
     width = int(np.ceil(3 * settings.stuck_smoothing / dt))
     kernel = np.exp(-((dt * np.arange(-width, width + 1) / settings.stuck_smoothing) ** 2) / 2)
     kernel /= kernel.sum()
-    smooth = np.column_stack([np.convolve(column, kernel, "same")[:count] for column in ahead.T])
+    # "same" would cut the middle of the longer one, which may be the kernel.
+    middle = slice(width, width + count)
+    smooth = np.column_stack([np.convolve(column, kernel)[middle] for column in ahead.T])
     return (estimate.torque + smooth) * moves, estimate.innovation
 
 

@@ -257,6 +257,9 @@ def test_bad_input(learnt, log):
     refused("amplifier's", LAW, BELIEVED, PATH, dataclasses.replace(log, torque=10 * log.torque))
     refused("holds no arm", puma560.p_law(), BELIEVED, PATH, log)
     refused("got none", LAW, BELIEVED, PATH, [])
+    refused("Identification or its arm", LAW, BELIEVED, PATH, log, found="x")
+    short = Harmonics(period=RIG.period, offset=(0, 0), cosine=((0,), (0,)), sine=((0,), (0,)))
+    refused("last longer than the period", LAW, BELIEVED, short, log)
     refused("The order is law, rig", LAW, PATH, BELIEVED, log)
     refused("reference must be", LAW, BELIEVED, 3, log)
     other = dataclasses.replace(
@@ -347,3 +350,34 @@ def test_a_correction_is_taken_back_after_a_disturbed_repetition(learnt, log):
     result = learn(disturbed, BELIEVED, PATH, worse)
     assert result.diverged
     np.testing.assert_allclose(result.law.terms, 0.5 * learnt.law.terms)
+
+
+@pytest.mark.parametrize("factor", [1.4, 0.999])
+def test_a_log_of_another_period_is_refused(log, factor):
+    """Its steps are within half a period each, but not their sum."""
+    t = factor * log.t
+    pulses = RIG.counts(PATH(t).q)
+    other = dataclasses.replace(log, t=t, reference_pulses=pulses, law=None, reference=None)
+    with pytest.raises(ValueError, match="sampled every"):
+        learn(LAW, BELIEVED, PATH, other)
+    t = log.t + 0.2 * RIG.period * np.random.default_rng(0).uniform(-1, 1, len(log))
+    jittered = dataclasses.replace(log, t=t, reference_pulses=RIG.counts(PATH(t).q))
+    assert len(learn(LAW, BELIEVED, PATH, jittered).innovations) == 1
+
+
+def test_a_smoothing_longer_than_the_path_stays_centred():
+    """A Gaussian of one path as standard deviation keeps some 0.38 of what lies on the path."""
+    sine = ((0.004,), (0.004,))
+    path = Harmonics(period=1.0, offset=(0.3, -0.2), cosine=((0,), (0,)), sine=sine)
+    law = P(gain=(0.2, 0.15))
+    record = simulate(ARM, RIG, law, path)
+
+    def total(**options):
+        settings = LearnSettings(largest_innovation=1e3, innovation_ratio=1e3, **options)
+        result = learn(law, BELIEVED, path, record, found=MODEL, settings=settings)
+        return result.law.torque(record.t).sum(axis=0)
+
+    none = total(stuck_bandwidth=0)
+    share = (total(stuck_smoothing=1.0) - none) / (total() - none)
+    assert (share > 0.3).all()
+    assert (share < 0.45).all()
