@@ -57,8 +57,9 @@ create index by_robot on identifications (robot, time);
 # Mark and version, and whether the file is new.
 _HEAD = """select application_id, user_version, not exists (select * from sqlite_master)
     from pragma_application_id, pragma_user_version"""
-# All values in the order of time; the columns are the fields of `FleetRow`.
-_ROWS = """select robots.name, time, temperature, parameters.name, label, value, std, unit
+# All values in the order of time: the identification, then the fields of `FleetRow`.
+_ROWS = """select identification,
+    robots.name, time, temperature, parameters.name, label, value, std, unit
     from parameters join identifications on identifications.id = identification
     join robots on robots.id = robot
     order by time, identification, place"""
@@ -240,8 +241,12 @@ class Fleet:
 
     def parameters(self) -> list[FleetRow]:
         """All values in the order of time; see `to_csv`."""
+        return [row for _, row in self._rows()]
+
+    def _rows(self) -> list[tuple[int, FleetRow]]:
+        """`parameters`, each with the number of its identification."""
         with self._base() as base:
-            return [FleetRow(*row) for row in base.execute(_ROWS)]
+            return [(number, FleetRow(*row)) for number, *row in base.execute(_ROWS)]
 
     def effects(self) -> tuple[Effect, ...]:
         """Effects on each parameter: mean, scatter of robots and weeks, slope with temperature."""
@@ -296,14 +301,16 @@ class Fleet:
         return self.effects()
 
     def __iter__(self) -> Iterator[Judgement]:
-        # The newest log of each robot; its rows follow one another.
+        # The newest log of each robot; of two logs of one time, that which was added last.
+        numbered = self._rows()
+        rows = [row for _, row in numbered]
+        last = {row.robot: number for number, row in numbered}
         newest = dict[str, Logged]()
-        rows = self.parameters()
-        for row in rows:
-            if row.robot not in newest or row.time > newest[row.robot].time:
+        for number, row in numbered:
+            if number == last[row.robot]:
                 temperature = math.nan if row.temperature is None else row.temperature
-                newest[row.robot] = Logged(row.robot, row.time, temperature, {})
-            newest[row.robot].values[row.name] = row.value, row.std or 0.0
+                log = newest.setdefault(row.robot, Logged(row.robot, row.time, temperature, {}))
+                log.values[row.name] = row.value, row.std or 0.0
 
         def urgency(judgement: Judgement) -> tuple[float, str]:
             """Probability that the surest change is a false alarm, then the robot's name."""

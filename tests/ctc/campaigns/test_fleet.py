@@ -329,3 +329,14 @@ def test_bad_files_and_empty_fleets_are_refused_in_a_line(tmp_path):
     )
     with pytest.raises(ValueError, match="level must be between"):
         fleet.judge(log(1, week=1), fit(), level=2)
+
+
+def test_two_logs_of_one_time_are_two(tmp_path):
+    """The later one is judged with its own temperature and values."""
+    fleet, own = filled(tmp_path / "fleet.sqlite", slope=-0.02)
+    hot = log(998, "cell_3", 9, temperature=40.0)
+    fleet.add(hot, found(own[3]))
+    cold = log(999, "cell_3", 9, temperature=10.0)
+    fleet.add(cold, found(own[3] + 0.1))
+    judgement = next(each for each in fleet if each.robot == "cell_3")
+    assert judgement.looked == fleet.judge(cold, found(own[3] + 0.1)).looked
