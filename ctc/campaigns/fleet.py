@@ -54,11 +54,14 @@ create table parameters (
     value real not null, std real, primary key (identification, place));
 create index by_robot on identifications (robot, time);
 """
+# Statements that make a new file.
+_CREATED = f"{_SCHEMA} pragma application_id = {_MARK}; pragma user_version = {_FORMAT};"
 # Mark and version, and whether the file is new.
 _HEAD = """select application_id, user_version, not exists (select * from sqlite_master)
     from pragma_application_id, pragma_user_version"""
-# All values in the order of time; the columns are the fields of `FleetRow`.
-_ROWS = """select robots.name, time, temperature, parameters.name, label, value, std, unit
+# All values in the order of time: the identification, then the fields of `FleetRow`.
+_ROWS = """select identification,
+    robots.name, time, temperature, parameters.name, label, value, std, unit
     from parameters join identifications on identifications.id = identification
     join robots on robots.id = robot
     order by time, identification, place"""
@@ -149,16 +152,20 @@ class Fleet:
         self.path = path_of("path", path)
         # State of the file -> its effects: many judgements ask for them, each fit takes a while.
         self._cached: tuple[Any, tuple[Effect, ...]] = (None, ())
-        try:
-            with self._base() as base:
+        # SQLite would open a new database in memory at each use.
+        if str(self.path) == ":memory:":
+            raise ValueError("path must be a file; got ':memory:', which is none. Name a file.")
+        with self._base() as base:
+            mark, version, new = base.execute(_HEAD).fetchone()
+            if new:
+                # One transaction makes the whole file, or none of it. Another process may make it
+                # first, so that the file is read again when no other one can write.
+                base.execute("begin immediate")
                 mark, version, new = base.execute(_HEAD).fetchone()
-                if new:
-                    pragmas = f"pragma application_id = {_MARK}; pragma user_version = {_FORMAT};"
-                    base.executescript(f"{_SCHEMA} {pragmas}")
-        except (sqlite3.DatabaseError, OSError) as error:
-            raise ValueError(
-                f"path must be a file of a Fleet, or a new one; {self.path}: {error}. Name it."
-            ) from None
+            if new:
+                # `executescript` would end the transaction at its start.
+                for statement in _CREATED.split(";"):
+                    base.execute(statement)
         # Another database must not get the tables of a fleet.
         if not new and (mark != _MARK or version != _FORMAT):
             got = f"of format {version}" if mark == _MARK else "another database"
@@ -170,16 +177,24 @@ class Fleet:
     @contextlib.contextmanager
     def _base(self) -> Iterator[sqlite3.Connection]:
         # Each use opens and closes a connection of its own: between two uses no file is open.
-        with contextlib.closing(sqlite3.connect(self.path)) as base:
-            # SQLite deletes dependent rows only where a connection demands it.
-            base.execute("pragma foreign_keys = on")
-            # Commits at the end, and takes all back after an exception.
-            with base:
-                yield base
+        try:
+            with contextlib.closing(sqlite3.connect(self.path)) as base:
+                # SQLite deletes dependent rows only where a connection demands it.
+                base.execute("pragma foreign_keys = on")
+                # Commits at the end, and takes all back after an exception.
+                with base:
+                    yield base
+        except (sqlite3.DatabaseError, OSError) as error:
+            raise ValueError(
+                f"path must be a file of a Fleet, or a new one; {self.path}: {error}. Name it."
+            ) from None
 
     @known_options
     def add(self, *results: Any, notes: Mapping[str, Any] | None = None) -> None:
         """Store an identification; it replaces each one in the file that shares a log with it.
+
+        A replaced identification of several logs leaves the file with all of them: give the new
+        one all logs that shall stay.
 
         Parameters
         ----------
@@ -193,7 +208,7 @@ class Fleet:
         ------
         ValueError
             No covariance, robot or time; logs of several robots; a log that the file holds for
-            another robot.
+            another robot; a file that cannot be written.
         """
         log, source = logged(results, notes)
         # The content of a record marks a log, whatever its file is called.
@@ -240,8 +255,12 @@ class Fleet:
 
     def parameters(self) -> list[FleetRow]:
         """All values in the order of time; see `to_csv`."""
+        return [row for _, row in self._rows()]
+
+    def _rows(self) -> list[tuple[int, FleetRow]]:
+        """`parameters`, each with the number of its identification."""
         with self._base() as base:
-            return [FleetRow(*row) for row in base.execute(_ROWS)]
+            return [(number, FleetRow(*row)) for number, *row in base.execute(_ROWS)]
 
     def effects(self) -> tuple[Effect, ...]:
         """Effects on each parameter: mean, scatter of robots and weeks, slope with temperature."""
@@ -296,14 +315,16 @@ class Fleet:
         return self.effects()
 
     def __iter__(self) -> Iterator[Judgement]:
-        # The newest log of each robot; its rows follow one another.
+        # The newest log of each robot; of two logs of one time, that which was added last.
+        numbered = self._rows()
+        rows = [row for _, row in numbered]
+        last = {row.robot: number for number, row in numbered}
         newest = dict[str, Logged]()
-        rows = self.parameters()
-        for row in rows:
-            if row.robot not in newest or row.time > newest[row.robot].time:
+        for number, row in numbered:
+            if number == last[row.robot]:
                 temperature = math.nan if row.temperature is None else row.temperature
-                newest[row.robot] = Logged(row.robot, row.time, temperature, {})
-            newest[row.robot].values[row.name] = row.value, row.std or 0.0
+                log = newest.setdefault(row.robot, Logged(row.robot, row.time, temperature, {}))
+                log.values[row.name] = row.value, row.std or 0.0
 
         def urgency(judgement: Judgement) -> tuple[float, str]:
             """Probability that the surest change is a false alarm, then the robot's name."""

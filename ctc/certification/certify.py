@@ -326,8 +326,8 @@ def certify(
         steps_per_sample=steps_per_sample,
         executor=executor,
         inputs={"law": law, "number of samples": samples},
-        # The checkpoint is bound to `rare` only where `rare` is given.
-        settings=() if rare is None else (rare,),
+        # Only the simulation of rare failures ends by the confidence; all else is made of the runs.
+        settings=() if rare is None else (rare, confidence),
     )
     _require_probabilities(task.within, confidence, rare)
     # 2. Simulate the same samples along each motion.

@@ -187,6 +187,12 @@ class ComputedTorque(ModelLaw):
         defaults = default_gains(arm, rig, fields.get("bandwidth"), trial, gains)._asdict()
         # The settings state this time in units of 1 / bandwidth.
         defaults["start_time"] /= fields.get("bandwidth") or defaults["bandwidth"]
+        # None asks for the default, which the class would take from the usual gains.
+        fields = {
+            name: value
+            for name, value in fields.items()
+            if value is not None or name not in defaults
+        }
         return cls(arm, rig, **defaults | fields)
 
     def describe(self) -> dict[str, Any]:

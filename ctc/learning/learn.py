@@ -110,15 +110,15 @@ def learn(
     needed = int(2 * settings.highest_frequency * reference.duration)
     terms = min(needed, settings.largest_terms, count - 1) + 1
     inner_law = run_law
-    learnt_terms = np.zeros((terms, rig.n))
+    applied_terms = np.zeros(rig.n)
     # A law with a learnt torque goes on from its terms; any other law starts from zero.
     if isinstance(run_law, LearntTorque):
         inner_law = run_law.law
-        learnt_terms = np.resize(run_law.terms, (terms, rig.n))
+        applied_terms = run_law.terms
 
     # 2. The torque that model and learnt torque lack in each log; logs that disagree with the model
-    # are left out.
-    learnt = _torque(learnt_terms, count)
+    # are left out. The logs hold all terms that were applied, also those above the present limits.
+    learnt = _torque(applied_terms.reshape(-1, rig.n), count)
     smoothed = functools.partial(_correction, arm, rig, plant, motion, moves, learnt, settings)
     results = mapped(smoothed, logs, executor) if executor is not None else map(smoothed, logs)
     innovations = list(previous.innovations) if previous else []
@@ -138,8 +138,8 @@ def learn(
 
     # 3. The next torque: corrected, or with half of the last correction, if that did not help.
     wanted = _terms(mean, terms).ravel()
-    following = _next(previous, learnt_terms.ravel(), wanted, rms, errors, rig, settings)
-    start, wanted = following.start, following.wanted
+    following = _next(previous, applied_terms, wanted, rms, errors, rig, settings)
+    start, wanted = (_sized(flat, terms * rig.n) for flat in (following.start, following.wanted))
 
     # 4. The part of the missing torque that f and friction explain, for other paths. All of a
     # correction counts, not only the part `gain` that is added; a correction taken back does not.
@@ -206,6 +206,11 @@ def _next(
         history = _Next(
             start, wanted, previous.gain, previous.missing, previous.beyond, previous.peak, False
         )
+    if not errors and previous is not None:
+        # The last correction is not judged yet: the next repetition may still take it back.
+        return history._replace(
+            start=previous.before, wanted=previous.wanted, diverged=previous.diverged
+        )
     if not errors:
         return history
     # A correction without benefit shows in the missing torque, or in samples beyond one pulse when
@@ -260,6 +265,11 @@ def _logs(records: Any, law: Any, rig: Rig, reference: Reference) -> tuple[list[
     # Rounding keeps a duration of a whole number of periods from gaining a sample by rounding
     # error.
     count = int(np.ceil(round(reference.duration / rig.period, 6)))
+    if count < 2:
+        raise ValueError(
+            f"reference must last longer than the period {rig.period:g} s; got"
+            f" {reference.duration:g} s. Give the whole path."
+        )
     for i, record in enumerate(logs):
         _require(record, i, law, rig, reference, count)
     if not logs:
@@ -270,7 +280,10 @@ def _logs(records: Any, law: Any, rig: Rig, reference: Reference) -> tuple[list[
 def _model(law: Any, model: Any) -> Arm:
     """Return the arm of an identification, or the given arm, or by default that of the law."""
     arm: Any = getattr(law, "arm", None) if model is None else getattr(model, "arm", model)
-    checked: Arm = instance("found", arm, Arm, f"{type(law).__name__} holds no arm; give found=.")
+    advice = "Give an Identification or its arm."
+    if model is None:
+        advice = f"{type(law).__name__} holds no arm; give found=."
+    checked: Arm = instance("found", arm, Arm, advice)
     return checked
 
 
@@ -292,8 +305,10 @@ def _require(record: Any, i: int, law: Law, rig: Rig, reference: Reference, coun
             f"{name} must have the {count} samples of the reference; got {len(record)}. Log all"
             " of it."
         )
-    # Half a period allows for jitter of time stamps, and detects a lost or doubled sample.
-    if np.abs(np.diff(record.t[:count]) - rig.period).max() > 0.5 * rig.period:
+    # Half a period allows for jitter of time stamps, and detects a lost or doubled sample. Over the
+    # whole path it also detects another period.
+    steps = np.diff(record.t[:count]) - rig.period
+    if max(np.abs(steps).max(), np.abs(steps.cumsum()).max()) > 0.5 * rig.period:
         raise ValueError(
             f"{name} must be sampled every {rig.period:g} s; got other steps. Use record.resampled."
         )
@@ -361,7 +376,9 @@ def _correction(
     width = int(np.ceil(3 * settings.stuck_smoothing / dt))
     kernel = np.exp(-((dt * np.arange(-width, width + 1) / settings.stuck_smoothing) ** 2) / 2)
     kernel /= kernel.sum()
-    smooth = np.column_stack([np.convolve(column, kernel, "same")[:count] for column in ahead.T])
+    # "same" would cut the middle of the longer one, which may be the kernel.
+    middle = slice(width, width + count)
+    smooth = np.column_stack([np.convolve(column, kernel)[middle] for column in ahead.T])
     return (estimate.torque + smooth) * moves, estimate.innovation
 
 
@@ -374,6 +391,11 @@ def _terms(values: Floats, terms: int) -> Floats:
     amplitudes = np.fft.rfft(even, axis=0).real / N
     amplitudes[[0, N]] /= 2
     return amplitudes[:terms]
+
+
+def _sized(terms: Floats, size: int) -> Floats:
+    """So many of the flat terms, which begin with the lowest frequency; zeros follow the last."""
+    return np.pad(terms[:size], (0, max(size - len(terms), 0)))
 
 
 def _torque(terms: Floats, count: int) -> Floats:

@@ -303,8 +303,9 @@ def _keep_one_side(findings: dict[str, ModelFinding], links: Links) -> None:
         partner = partner_of(name, links)
         if partner is None or name not in findings or partner not in findings:
             continue
-        # What has a proof of its own is wrong whatever the other side states.
-        if proof_of(links[name], links) or proof_of(links[partner], links):
+        # What has a proof of its own, or no inertial, is wrong whatever the other side states.
+        sides = (links[name], links[partner])
+        if any(link.stated is None or proof_of(link, links) for link in sides):
             continue
         # The finding that the link alone supports less is the one to remove. Without clear evidence
         # for one of them the two differ, and neither is repaired.

@@ -5,7 +5,9 @@ import copy
 import csv
 import dataclasses
 import sqlite3
+from concurrent.futures import ThreadPoolExecutor
 from functools import cache
+from threading import Barrier
 
 import numpy as np
 import pytest
@@ -313,6 +315,8 @@ def test_bad_files_and_empty_fleets_are_refused_in_a_line(tmp_path):
         Fleet(tmp_path / "text")
     with pytest.raises(ValueError, match="unable to open"):
         Fleet(tmp_path / "none" / "fleet.sqlite")
+    with pytest.raises(ValueError, match="must be a file; got ':memory:'"):
+        Fleet(":memory:")
     with contextlib.closing(sqlite3.connect(tmp_path / "other")) as base:
         base.execute("create table x (y)")
     with pytest.raises(ValueError, match="is another database"):
@@ -329,3 +333,61 @@ def test_bad_files_and_empty_fleets_are_refused_in_a_line(tmp_path):
     )
     with pytest.raises(ValueError, match="level must be between"):
         fleet.judge(log(1, week=1), fit(), level=2)
+
+
+def test_two_logs_of_one_time_are_two(tmp_path):
+    """The later one is judged with its own temperature and values."""
+    fleet, own = filled(tmp_path / "fleet.sqlite", slope=-0.02)
+    hot = log(998, "cell_3", 9, temperature=40.0)
+    fleet.add(hot, found(own[3]))
+    cold = log(999, "cell_3", 9, temperature=10.0)
+    fleet.add(cold, found(own[3] + 0.1))
+    judgement = next(each for each in fleet if each.robot == "cell_3")
+    assert judgement.looked == fleet.judge(cold, found(own[3] + 0.1)).looked
+
+
+def test_a_file_that_cannot_be_written_is_refused_in_a_line(tmp_path, monkeypatch):
+    fleet = Fleet(tmp_path / "fleet.sqlite")
+    connect = sqlite3.connect
+
+    def read_only(path):
+        base = connect(path)
+        base.execute("pragma query_only = on")
+        return base
+
+    monkeypatch.setattr(sqlite3, "connect", read_only)
+    with pytest.raises(ValueError, match=r"fleet.sqlite: attempt to write a readonly database"):
+        fleet.add(log(0), fit())
+
+
+def test_a_file_is_made_whole_or_not_at_all(tmp_path, monkeypatch):
+    connect = sqlite3.connect
+
+    def interrupted(path):
+        """A connection that ends before the version is written."""
+        base = connect(path)
+        last = (sqlite3.SQLITE_PRAGMA, "user_version")
+
+        def allowed(action, name, value, *_):
+            ends = (action, name) == last and value
+            return sqlite3.SQLITE_DENY if ends else sqlite3.SQLITE_OK
+
+        base.set_authorizer(allowed)
+        return base
+
+    with monkeypatch.context() as patched:
+        patched.setattr(sqlite3, "connect", interrupted)
+        with pytest.raises(ValueError, match="not authorized"):
+            Fleet(tmp_path / "fleet.sqlite")
+    assert len(Fleet(tmp_path / "fleet.sqlite")) == 0
+
+
+def test_several_make_one_file_together(tmp_path):
+    barrier = Barrier(8)
+
+    def made(i):
+        barrier.wait()
+        return len(Fleet(tmp_path / f"{i // 8}.sqlite"))
+
+    with ThreadPoolExecutor(8) as pool:
+        assert list(pool.map(made, range(80))) == 80 * [0]

@@ -164,3 +164,32 @@ def test_a_stuck_simulation_names_the_highest_level_that_it_reached():
     )
     assert "beyond 0.83 pulses" in str(stuck)
     assert "not shown to be as rare as 1e-06" in str(stuck)
+
+
+def test_a_checkpoint_is_of_one_confidence(tmp_path):
+    """A failure in every other sample: the first population is all of the simulation."""
+    arm, rig, path = puma560.arm(), puma560.rig(), puma560.reference()
+    law = ComputedTorque(arm, rig, bandwidth=150)
+
+    def certified(confidence, rare=1e-3):
+        return certify(
+            arm,
+            rig,
+            law,
+            path,
+            STATED,
+            samples=2,
+            duration=0.005,
+            within=0.1,
+            steps_per_sample=1,
+            progress=False,
+            confidence=confidence,
+            rare=rare,
+            checkpoint=tmp_path / f"{rare}",
+        )
+
+    assert certified(0.95).rare == certified(0.95).rare
+    with pytest.raises(ValueError, match="must be of the same settings"):
+        certified(0.99)
+    # The bounds of plain counts are made of the runs, whatever the confidence.
+    assert certified(0.95, rare=None).runs == certified(0.99, rare=None).runs

@@ -20,6 +20,9 @@ def test_gains_come_from_the_settings():
     law = ComputedTorque.designed(ARM, RIG, gains=DefaultGainSettings(arm=gains), learnable=0.2)
     assert (law.bandwidth, law.dead_zone, law.start_time) == (80, 0.1, 4 / 80)
     assert law.learnable == 0.2
+    none = dict.fromkeys(("bandwidth", "dead_zone", "start_time", "observer_ratio", "start_boost"))
+    settings = DefaultGainSettings(arm=gains)
+    assert ComputedTorque.designed(ARM, RIG, gains=settings, learnable=0.2, **none) == law
 
 
 def test_more_room_on_elastic_gears_is_a_lower_bandwidth():

@@ -257,6 +257,9 @@ def test_bad_input(learnt, log):
     refused("amplifier's", LAW, BELIEVED, PATH, dataclasses.replace(log, torque=10 * log.torque))
     refused("holds no arm", puma560.p_law(), BELIEVED, PATH, log)
     refused("got none", LAW, BELIEVED, PATH, [])
+    refused("Identification or its arm", LAW, BELIEVED, PATH, log, found="x")
+    short = Harmonics(period=RIG.period, offset=(0, 0), cosine=((0,), (0,)), sine=((0,), (0,)))
+    refused("last longer than the period", LAW, BELIEVED, short, log)
     refused("The order is law, rig", LAW, PATH, BELIEVED, log)
     refused("reference must be", LAW, BELIEVED, 3, log)
     other = dataclasses.replace(
@@ -314,3 +317,67 @@ def test_settings_shape_what_is_learnt_and_stay(log, learnt):
 def log_of(learnt):
     """A repetition under the law that was learnt."""
     return simulate(ARM, RIG, learnt.law, PATH)
+
+
+@pytest.mark.parametrize("hertz", [10.0, 60.0])
+def test_another_highest_frequency_neither_repeats_nor_forgets_a_torque(learnt, hertz):
+    """The torque that was applied explains its log; new frequencies begin at zero."""
+    again = log_of(learnt)
+    usual = learn(learnt, BELIEVED, PATH, again)
+    settings = LearnSettings(highest_frequency=hertz)
+    result = learn(learnt, BELIEVED, PATH, again, settings=settings)
+    np.testing.assert_allclose(result.missing[-1], usual.missing[-1], rtol=1e-12)
+    size = min(len(result.law.terms), len(usual.law.terms))
+    np.testing.assert_allclose(result.law.terms[:size], usual.law.terms[:size], atol=1e-12)
+    assert np.abs(result.before[len(learnt.law.terms) :]).max(initial=0) == 0
+    # A correction of other frequencies can be taken back, too.
+    worse = dataclasses.replace(
+        again, law=None, torque=again.torque + 2 * learnt.law.torque(again.t)
+    )
+    taken_back = learn(result, BELIEVED, PATH, worse, settings=usual.settings)
+    assert taken_back.diverged
+    np.testing.assert_array_equal(taken_back.before[:size], result.before[:size])
+
+
+def test_a_correction_is_taken_back_after_a_disturbed_repetition(learnt, log):
+    again = log_of(learnt)
+    rough = np.array(again.error_pulses) + 5 * np.sign(np.sin(np.arange(len(again))))[:, None]
+    disturbed = learn(learnt, BELIEVED, PATH, dataclasses.replace(again, error_pulses=rough))
+    assert len(disturbed.left_out) == 1
+    assert disturbed.law == learnt.law
+    np.testing.assert_array_equal(disturbed.arm.f, learnt.arm.f)
+    worse = dataclasses.replace(log, law=None, torque=log.torque + 2 * learnt.law.torque(log.t))
+    result = learn(disturbed, BELIEVED, PATH, worse)
+    assert result.diverged
+    np.testing.assert_allclose(result.law.terms, 0.5 * learnt.law.terms)
+
+
+@pytest.mark.parametrize("factor", [1.4, 0.999])
+def test_a_log_of_another_period_is_refused(log, factor):
+    """Its steps are within half a period each, but not their sum."""
+    t = factor * log.t
+    pulses = RIG.counts(PATH(t).q)
+    other = dataclasses.replace(log, t=t, reference_pulses=pulses, law=None, reference=None)
+    with pytest.raises(ValueError, match="sampled every"):
+        learn(LAW, BELIEVED, PATH, other)
+    t = log.t + 0.2 * RIG.period * np.random.default_rng(0).uniform(-1, 1, len(log))
+    jittered = dataclasses.replace(log, t=t, reference_pulses=RIG.counts(PATH(t).q))
+    assert len(learn(LAW, BELIEVED, PATH, jittered).innovations) == 1
+
+
+def test_a_smoothing_longer_than_the_path_stays_centred():
+    """A Gaussian of one path as standard deviation keeps some 0.38 of what lies on the path."""
+    sine = ((0.004,), (0.004,))
+    path = Harmonics(period=1.0, offset=(0.3, -0.2), cosine=((0,), (0,)), sine=sine)
+    law = P(gain=(0.2, 0.15))
+    record = simulate(ARM, RIG, law, path)
+
+    def total(**options):
+        settings = LearnSettings(largest_innovation=1e3, innovation_ratio=1e3, **options)
+        result = learn(law, BELIEVED, path, record, found=MODEL, settings=settings)
+        return result.law.torque(record.t).sum(axis=0)
+
+    none = total(stuck_bandwidth=0)
+    share = (total(stuck_smoothing=1.0) - none) / (total() - none)
+    assert (share > 0.3).all()
+    assert (share < 0.45).all()

@@ -145,3 +145,30 @@ def test_one_mistake_in_both_sides_is_undone_in_both(tmp_path):
     assert sorted(findings) == ["left_1", "right_1"]
     for name, repair in findings.items():
         np.testing.assert_allclose(repair.com, links[name][4], rtol=1e-9)
+
+
+def test_a_link_without_an_inertial_is_named_beside_a_mistake_of_its_partner(tmp_path):
+    """Filled boxes; the inertia of the right one is about the frame of its link."""
+    path = tmp_path / "robot.urdf"
+    place = '<origin xyz="0 0 0.2"/>'
+    box = f'<visual>{place}<geometry><box size="0.1 0.2 0.3"/></geometry></visual>'
+    about_centre = 'ixx="0.065" iyy="0.05" izz="0.025"'
+    inertias = {
+        "left_arm": "",
+        "right_arm": 'ixx="0.305" iyy="0.29" izz="0.025"',
+        "a": about_centre,
+        "b": about_centre,
+    }
+    text = '<robot name="r"><link name="base"/>'
+    for name, moments in inertias.items():
+        inertia = f'<inertia {moments} ixy="0" ixz="0" iyz="0"/>'
+        inertial = f'<inertial>{place}<mass value="6"/>{inertia}</inertial>' if moments else ""
+        text += (
+            f'<link name="{name}">{inertial}{box}</link><joint name="of_{name}" type="revolute">'
+            f'<parent link="base"/><child link="{name}"/></joint>'
+        )
+    path.write_text(f"{text}</robot>")
+    left, right = check_model(path).findings
+    assert (left.link, left.mistake) == ("left_arm", "no inertial")
+    assert right.link == "right_arm"
+    np.testing.assert_allclose(right.repair.inertia[[0, 3, 5]], (0.065, 0.05, 0.025))
