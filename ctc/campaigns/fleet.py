@@ -260,7 +260,7 @@ class Fleet:
     def _rows(self) -> list[tuple[int, FleetRow]]:
         """`parameters`, each with the number of its identification."""
         with self._base() as base:
-            return [(number, FleetRow(*row)) for number, *row in base.execute(_ROWS)]
+            return [(row[0], FleetRow._make(row[1:])) for row in base.execute(_ROWS)]
 
     def effects(self) -> tuple[Effect, ...]:
         """Effects on each parameter: mean, scatter of robots and weeks, slope with temperature."""
