@@ -7,7 +7,7 @@ sensitivities (`certified`); `rare`, `reserves` and `figure` add rare failures, 
 
 from ctc.certification.certificate import Certificate
 from ctc.certification.certificates import Certificates
-from ctc.certification.certified import Certified, cells, clopper_pearson, influences
+from ctc.certification.certified import Certified, Influence, cells, clopper_pearson, influences
 from ctc.certification.certify import Motions, Task, certify
 from ctc.certification.identified import refits
 from ctc.certification.imperfections import IMPERFECTIONS
@@ -24,6 +24,7 @@ __all__ = [
     "Certificate",
     "Certificates",
     "Certified",
+    "Influence",
     "Motions",
     "Normals",
     "Plants",

@@ -75,13 +75,15 @@ class RestatedSettings:
     by_joint : float
         Independent equations that a joint's torque counts for, where joints are judged apart.
     limits : tuple of float
-        Shares of the largest torque that a law commands at which a limit is tried.
+        Shares of the largest torque that a law commands at which a limit is tried; chosen by hand,
+        so that neighbours differ by less than the refinement.
     refined : tuple of float
-        Factors by which the likeliest of these limits is refined.
+        Factors by which the likeliest of these limits is refined; chosen by hand.
     counted_late : tuple of float
-        Samples by which counts may be late that are tried where a law's torque depends on them.
+        Delays of the counts [samples] that are tried where a law's torque depends on them: those of
+        loggers in ``tests/benchmarks/spoilers.py`` are 0.3 to 2.
     counted : float
-        Samples to which the likeliest of these is refined.
+        Error [samples] to which the likeliest of these is refined; chosen by hand.
     late : tuple of float
         Times [ms] by which torques may be late that are tried: a few cycles of a slow bus.
     """

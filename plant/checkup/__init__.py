@@ -11,7 +11,7 @@ shows them; gains in another unit; the table of what can be wrong) -> `trials` (
 log) -> `views` (its causes as findings) -> `examine` (`record.check()`: all checks of a record).
 """
 
-from plant.checkup.counts import hardly_asked, hardly_moving, in_step
+from plant.checkup.counts import hardly_asked, hardly_moving, in_step, renumbered
 from plant.checkup.examine import examine, late_counts
 from plant.checkup.finding import Check, Checkup
 from plant.checkup.hypothesis import (
@@ -77,6 +77,7 @@ __all__ = [
     "own_oscillations",
     "pairs",
     "ranking",
+    "renumbered",
     "require_rows",
     "rounding_doubts",
     "select",

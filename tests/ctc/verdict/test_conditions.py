@@ -11,6 +11,7 @@ import pytest
 from uncertain import with_uncertainty
 
 from ctc import Certificate, ComputedTorque, Uncertainty, certify, compare, evaluate
+from ctc.certification import Influence
 from ctc.verdict import with_gears
 from identification import identify
 from identification.results import seen
@@ -245,7 +246,7 @@ def test_a_rig_whose_gear_turns_the_other_way_is_refused():
         evaluate(ARM, dataclasses.replace(RIG, drive=drive), LAW, PATH, duration=0.05)
 
 
-def test_how_well_f_is_known_decides(certified, found):
+def test_how_well_f_is_known_decides(certified, found, monkeypatch):
     """Told where plants leave and f explains most of it, and not where friction does; else
     another law may hold.
     """
@@ -262,6 +263,16 @@ def test_how_well_f_is_known_decides(certified, found):
     )
     assert vague.failures
     assert "the uncertainty of f decides" in str(vague)
+    # A number of the drive comes first, and tolerances make up most of the first f.
+    f1, f2, *_ = vague.plants.arm.dynamics.names
+    shares = {"drive.motor_gain[0]": 0.4, f1: 0.3, f2: 0.3}
+    influences = [Influence(name, share, 0.0) for name, share in shares.items()]
+    monkeypatch.setattr(Certificate, "sensitivities", influences)
+    by_tolerances = dataclasses.replace(vague.seen, by_tolerances={f1: 0.9})
+    other = dataclasses.replace(vague, seen=by_tolerances)
+    other.__dict__["friction_known"] = None
+    assert f"of the variance of {f1} comes from tolerances" in " ".join(str(other).split())
+    monkeypatch.undo()
     vague.__dict__["friction_known"] = 0.1  # where that helps it is said first
     assert "with friction identified from this log, 10 % of the first" in " ".join(
         str(vague).split()

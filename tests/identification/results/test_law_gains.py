@@ -50,6 +50,19 @@ def test_gains_that_are_too_low_are_named_with_their_size(record):
     assert [*sign.values] == ["controller.gain[0]", "controller.gain[1]"]
 
 
+@pytest.mark.parametrize("share", [0.75, 1.4])
+def test_another_derivative_is_named_with_its_size(record, share):
+    sign, *_ = causes(record, derivative=share * np.array(LAW.derivative))
+    assert sign.name == "law gain"
+    assert {name.partition("[")[0] for name in sign.values} == {"controller.derivative"}
+    np.testing.assert_allclose([*sign.values.values()], 1 / share - 1, atol=0.15)
+
+
+def test_another_integral_is_no_backlash(record):
+    """Innovations are largest where loads change sign, but the other causes explain them."""
+    assert "reversals" not in {sign.name for sign in causes(record, integral=(0.15, 0.1125))}
+
+
 def test_a_derivative_that_is_not_stated_is_a_lead(record):
     sign, *_ = causes(record, derivative=(0.0, 0.0))
     assert sign.name == "lead"

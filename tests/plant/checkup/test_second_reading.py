@@ -10,7 +10,7 @@ import pytest
 
 from identification import Objective
 from plant import Encoder, Harmonics, Phase, PointToPoint, Record, puma560, simulate
-from plant.checkup import Signals, bridged, fix_seen, lost_rows, short_gaps
+from plant.checkup import Signals, bridged, fix_seen, lost_rows, renumbered, short_gaps
 from plant.simulation import path_of
 
 PATH = Harmonics(
@@ -162,6 +162,27 @@ def test_a_loop_that_swings_wildly_lacks_no_rows(hz):
         record, error_pulses=record.error_pulses + swing, torque=None, current=None
     )
     assert "rows left out" not in [f.check for f in swinging.check().problems]
+
+
+@pytest.mark.parametrize("hz", [200, 230, 290])
+def test_a_loop_that_oscillates_from_row_to_row_has_no_stuck_samples(hz):
+    """Two counts in a row are equal where it turns, and the next ones catch up."""
+    record = log()
+    swing = np.outer(np.sin(2 * np.pi * hz * record.t), (30, 20))
+    swinging = counting(record, np.round(record.counts + swing))
+    assert (np.diff(swinging.counts, axis=0) == 0).any()
+    assert not lost_rows(swinging).stuck.any()
+
+
+@pytest.mark.parametrize("samples", [1.2, 1.9])
+def test_counts_that_begin_late_lack_no_rows(samples):
+    """A late logger repeats its first count; nothing before it tells where the arm was."""
+    fine = dataclasses.replace(rig("floor"), encoder=Encoder(resolution=4096, rounding="floor"))
+    law = puma560.p_law(np.array((80, 80)) / 4096)
+    record = simulate(puma560.arm(), fine, law, PATH, duration=2.0).cut(0.28)
+    row = np.arange(len(record))
+    late = np.column_stack([np.interp(row - samples, row, column) for column in record.counts.T])
+    assert not renumbered(Signals(counting(record, np.floor(late)))).size
 
 
 def test_a_log_of_repeated_rows_alone_is_refused_in_one_line():
