@@ -1,10 +1,12 @@
 """`identify`: from records to an arm by the identification procedure of the paper."""
 
 import contextlib
+import functools
 import itertools
 import time
-from collections.abc import Iterable, Sequence
-from dataclasses import replace
+import warnings
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -12,9 +14,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from identification.equation_error import (
+    Mistakes,
     Prior,
+    RecordError,
     advice,
     from_prior,
+    mistakes_of,
     ranked_own_rows,
     record_label,
     wrong_statements,
@@ -153,6 +158,8 @@ def identify(
     Returns
     -------
     Identification
+        Where the only record has a mistake that can be corrected, the corrected record is
+        identified as well. What it shows is in ``found.beside`` and among the warnings.
 
     Raises
     ------
@@ -196,31 +203,100 @@ def identify(
         Tolerances,
         "Give Tolerances(gear=0.01).",
     )
+    problem_of = functools.partial(
+        prepare,
+        dynamics,
+        unknown=unknown,
+        seed=seed,
+        zeros=zeros,
+        options=options,
+        tolerances=tolerances,
+        prior=prior,
+    )
     with progress_bar(sum(_SHARES.values()), "identify", "share", progress) as bar:
-        with _part(bar, "the logs"):
-            problem = prepare(
-                dynamics,
-                records,
-                unknown,
-                held_out,
-                method,
-                ranges,
-                settings,
-                seed,
-                zeros,
-                options,
-                tolerances,
-                prior,
+        second_look = _SecondLook(dynamics, records, problem_of)
+        with _part(bar, "the logs"), second_look.at_refusal(RecordError):
+            problem = problem_of(
+                records, held_out=held_out, method=method, ranges=ranges, settings=settings
             )
         # The stored stages are bound to the inputs: a change of any refuses the file.
-        with Checkpoint(checkpoint, "identify").bind(lambda: problem.inputs) as stored:
+        with (
+            Checkpoint(checkpoint, "identify").bind(lambda: problem.inputs) as stored,
+            second_look.at_refusal(ValueError),
+        ):
             problem = replace(problem, checkpoint=stored)
             result = _with_hypotheses(problem, hypotheses, bar, started)
         # The warnings come once, at the end, because `_identified` can run again with a prior.
         with _part(bar, "warnings"):
+            result = second_look.beside(result)
             warn_of_doubts(result, "identify")
     return result
 
+
+@dataclass(frozen=True, eq=False)
+class _SecondLook:
+    """What the only log of an identification shows once its mistakes are corrected.
+
+    `problem_of` makes the problem of a record.
+    """
+
+    dynamics: Dynamics
+    records: Record | Sequence[Record]
+    problem_of: Callable[..., Problem]
+
+    @functools.cached_property
+    def mistakes(self) -> Mistakes | None:
+        """The mistakes of the log; None where it cannot be examined, or is one of several."""
+        # Several records have several mistakes, which a user corrects one after the other.
+        if not isinstance(self.records, Record) and len(self.records) != 1:
+            return None
+        record = self.records if isinstance(self.records, Record) else self.records[0]
+        with contextlib.suppress(ValueError):
+            return mistakes_of(self.dynamics, record)
+        return None
+
+    @functools.cached_property
+    def result(self) -> Identification | None:
+        """The corrected log, identified; None where nothing is corrected, or it is refused too."""
+        if self.mistakes is None or not self.mistakes.lines:
+            return None
+        with contextlib.suppress(ValueError), warnings.catch_warnings():
+            # Its doubts become those of the log as it is.
+            warnings.simplefilter("ignore")
+            problem = self.problem_of(
+                self.mistakes.corrected, held_out=None, method=_QUICKEST, ranges=None, settings=None
+            )
+            with progress_bar(sum(_SHARES.values()), "identify", "share", False) as bar:
+                return _identified(problem, bar, time.perf_counter())
+        return None
+
+    @contextlib.contextmanager
+    def at_refusal(self, kind: type[ValueError]) -> Iterator[None]:
+        """A context whose refusals of a kind also say what is wrong with the log."""
+        try:
+            yield
+        except kind as error:
+            lines = self.mistakes.lines if self.mistakes is not None else ()
+            further = [line for line in lines if line not in str(error)]
+            text = " ".join([str(error), *["The log shows:"][: len(further)], *further])
+            if self.result is not None and self.result.doubts:
+                text = " ".join([text, "With that corrected:", *self.result.doubts])
+            if text == str(error):
+                raise
+            if isinstance(error, RecordError):
+                raise RecordError(text, error.record, "") from error
+            raise ValueError(text) from error
+
+    def beside(self, result: Identification) -> Identification:
+        """A result with what the corrected log shows, where mistakes are named."""
+        # A user's own rows are not among those that are corrected.
+        if not result.mistakes or result.own_causes or self.result is None:
+            return result
+        return replace(result, beside=self.result.causes, left=tuple(self.result.doubts))
+
+
+# Method of a second look at a log.
+_QUICKEST = "prediction_error"
 
 # Shares of the time, of an arm with six joints (``tests/benchmarks/waiting.py --profile``).
 _SHARES = {"the logs": 0.1, "search": 0.45, "tests of the rig": 0.35, "warnings": 0.1}

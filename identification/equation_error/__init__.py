@@ -3,7 +3,8 @@
 Read `filters`, `regressor` (and measured torque), `least_squares`, `torque_fit`, then `pulse_fit`
 (counts alone) and `logged_torques` (`fit_torque`): its `torque_equations`, the band that
 `band_choice` chooses, and the friction that `logged_friction` tries. `restated` (mistakes in
-columns and gravity, whatever f is: `stated_equation`, on a `leaning_base` too, and `restatements`),
+columns and gravity, whatever f is: `stated_equation`, on a `leaning_base` too, with the main gain
+of a law, `law_gains`, left open, and `restatements`),
 `own_rows` (a user's hypotheses beside them) and `arm_check` (no arm has these f) test it.
 """
 
@@ -28,6 +29,7 @@ from identification.equation_error.gear_fit import (
     fit_gears,
     record_band,
 )
+from identification.equation_error.law_gains import SMALL, own_numbers, with_numbers
 from identification.equation_error.law_memory import (
     FADED,
     Memory,
@@ -56,6 +58,7 @@ from identification.equation_error.least_squares import (
 )
 from identification.equation_error.logged_torques import fit_torque
 from identification.equation_error.naming import (
+    RecordError,
     column_of,
     each_named,
     held_out,
@@ -98,7 +101,9 @@ from identification.equation_error.regressor import (
 )
 from identification.equation_error.restated import (
     HYPOTHESES,
+    Mistakes,
     contradictions,
+    mistakes_of,
     restated,
     wrong_statements,
 )
@@ -134,6 +139,7 @@ __all__ = [
     "ONE_LOG",
     "ROUNDING",
     "SEGMENTS",
+    "SMALL",
     "SPRINGS",
     "BetweenRuns",
     "Deflections",
@@ -146,12 +152,14 @@ __all__ = [
     "GearFitSettings",
     "Known",
     "Memory",
+    "Mistakes",
     "NotIdentifiableError",
     "Places",
     "PointMasses",
     "PredictsTorque",
     "Prior",
     "PriorRows",
+    "RecordError",
     "Resumption",
     "System",
     "TorqueEquation",
@@ -198,12 +206,14 @@ __all__ = [
     "low_pass",
     "measured_torque",
     "misread",
+    "mistakes_of",
     "mode_in",
     "modes_along",
     "nearest_amounts",
     "noise_of_torque",
     "of_each",
     "over_bands",
+    "own_numbers",
     "pass_band",
     "passes_start",
     "path_in",
@@ -229,6 +239,7 @@ __all__ = [
     "weighted",
     "white_noise",
     "wider",
+    "with_numbers",
     "with_possible_bodies",
     "with_state",
     "wrong_statements",

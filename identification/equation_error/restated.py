@@ -11,13 +11,25 @@ import functools
 import itertools
 from collections.abc import Iterator
 from dataclasses import replace
+from typing import NamedTuple
 
 from identification.equation_error import restatements as undo
 from identification.equation_error.naming import misread
 from identification.equation_error.stated_equation import SETTINGS, TorqueEquation
 from identification.equation_error.torque_logs import TorqueLog
 from plant import Dynamics, Hypothesis, Record
-from plant.checkup import Candidate, Cause, SelectionSettings, each_joint, pairs, ranking, whole
+from plant.checkup import (
+    Candidate,
+    Cause,
+    SelectionSettings,
+    counts_in_time,
+    each_joint,
+    pairs,
+    ranking,
+    turned_joint,
+    turned_torque,
+    whole,
+)
 
 # `against`, the log odds against a mistake, are those of a residual that no right log reaches, with
 # a margin. 40 right logs of the corpus (``tests/benchmarks/verdicts.py``; fast starts, creeping
@@ -41,6 +53,7 @@ HYPOTHESES = (
         undo=undo.turned,
         scope=each_joint,
         against=13.0,
+        of_record=turned_joint,
     ),
     # An f of the other sign explains turned torques as well, except for friction.
     Hypothesis(
@@ -50,6 +63,7 @@ HYPOTHESES = (
         remedy="Change the sign of all torques",
         undo=undo.torques_turned,
         against=10.0,
+        of_record=turned_torque,
     ),
     Hypothesis(
         name="torque sign",
@@ -59,6 +73,7 @@ HYPOTHESES = (
         undo=undo.torque_turned,
         scope=each_joint,
         against=10.0,
+        of_record=turned_torque,
     ),
     Hypothesis(
         name="gravity removed",
@@ -108,6 +123,7 @@ HYPOTHESES = (
         sizes=(90.0, -90.0, 180.0),
         against=14.0,
         unit="degrees",
+        of_record=undo.with_zero,
     ),
     Hypothesis(
         name="exchanged torques",
@@ -116,6 +132,7 @@ HYPOTHESES = (
         undo=undo.torques_exchanged,
         scope=pairs,
         against=10.0,
+        of_record=undo.with_torques_exchanged,
     ),
     Hypothesis(
         name="exchanged positions",
@@ -154,6 +171,18 @@ HYPOTHESES = (
         evidence=undo.counts_lateness,
         against=10.0,
         unit="samples",
+        of_record=counts_in_time,
+    ),
+    Hypothesis(
+        name="law gain",
+        sentence="gains of the law that made the log are not the stated ones: {gain}"
+        " {value:+.2g} %",
+        remedy="Check them",
+        undo=undo.with_larger_gain,
+        evidence=undo.other_gain,
+        against=14.0,
+        unit="%",
+        of_record=undo.record_with_gain,
     ),
     Hypothesis(
         name="limit",
@@ -196,6 +225,8 @@ HYPOTHESES = (
     ),
 )
 
+BY_NAME = {hypothesis.name: hypothesis for hypothesis in HYPOTHESES}
+
 # Hypotheses that are always tried; the others are tried only where the equation leaves much of the
 # torques. A free f absorbs a small tilt, and on some arms a wrong zero, so that little is left; the
 # stated bodies do not absorb them.
@@ -207,6 +238,7 @@ _ALWAYS = (
     "overstated friction",
     "tilted base",
     "joint zero",
+    "law gain",
 )
 
 
@@ -245,6 +277,7 @@ def candidates_of(
 ) -> Iterator[Candidate]:
     """The restatements of an equation that are worth a trial, each with its log odds."""
     n = equation.dynamics.n
+    words = {} if equation.main_gain is None else {"gain": equation.main_gain.name}
     for hypothesis in hypotheses:
         if hypothesis.name not in _ALWAYS and not equation.left > SETTINGS.suspected:
             continue
@@ -253,7 +286,8 @@ def candidates_of(
         for joints in scopes:
             for size, odds in _scored(hypothesis, equation, joints):
                 corrected = functools.partial(hypothesis.undo, equation, joints, size)
-                yield Candidate(hypothesis, joints, size, odds - hypothesis.against, corrected)
+                odds -= hypothesis.against
+                yield Candidate(hypothesis, joints, size, odds, corrected, words)
 
 
 def _scored(hypothesis, equation, joints):
@@ -263,7 +297,8 @@ def _scored(hypothesis, equation, joints):
         return
     sizes = hypothesis.suggested or (lambda equation, joints: hypothesis.sizes)
     for size in sizes(equation, joints):
-        yield size, hypothesis.undo(equation, joints, size).evidence - equation.evidence
+        changed = hypothesis.undo(equation, joints, size)
+        yield size, changed.evidence_at_best - equation.evidence
 
 
 @functools.lru_cache(maxsize=4)
@@ -281,6 +316,34 @@ def wrong_statements(dynamics: Dynamics, record: Record) -> tuple[str, ...]:
     misreadings = misread(record)
     corrected = record.check().corrected if misreadings else record
     return (*misreadings, *(cause.line for cause in restated(dynamics, corrected)))
+
+
+class Mistakes(NamedTuple):
+    """What the checkup and the torque equation of a record find wrong, and can correct.
+
+    `lines`: a line for each cause. `corrected`: the record without these causes, or the record
+    itself where there is none.
+    """
+
+    lines: tuple[str, ...]
+    corrected: Record
+
+
+def mistakes_of(dynamics: Dynamics, record: Record) -> Mistakes:
+    """The mistakes of a record, one after the other, until one cannot be corrected.
+
+    The gravity of a chain is no statement of a record.
+    """
+    checkup = record.check()
+    lines = [cause.line for cause in checkup.causes if cause.certain]
+    corrected = checkup.corrected
+    for cause in restated(dynamics, corrected):
+        row = BY_NAME[cause.name]
+        if not cause.certain or row.of_record is None:
+            break
+        lines.append(cause.line)
+        corrected = row.of_record(corrected, cause.joints, cause.size)
+    return Mistakes(tuple(lines), corrected if lines else record)
 
 
 def of_log(dynamics: Dynamics, log: TorqueLog, band: float) -> tuple[Cause, ...]:

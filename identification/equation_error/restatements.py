@@ -6,12 +6,15 @@ the logarithm of how much likelier a size makes the log.
 """
 
 import math
+from dataclasses import replace
 
 import numpy as np
 
+from identification.equation_error.law_gains import main_gain, own_numbers, with_numbers
 from identification.equation_error.regressor import regressor_along
 from identification.equation_error.stated_equation import SETTINGS
 from plant.checkup import counts_in_time as counts_earlier
+from plant.checkup import exchanged_torques, turned_joint, zero_shifted
 from plant.motion import Motion
 
 
@@ -22,6 +25,8 @@ def _signs(n, joint):
 
 def turned(equation, joints, size):
     """The joint with all its columns turned."""
+    if _runs_law(equation):
+        return _anew(equation, turned_joint(equation.record, joints, size))
     sign = _signs(equation.dynamics.n, *joints)
     motion = Motion(*(sign * signal for signal in equation.motion))
     return equation.restated(motion=motion, torque=sign * equation.torque, dry=sign * equation.dry)
@@ -64,9 +69,18 @@ def removals(equation, joints):
 
 def zero_moved(equation, joints, size):
     """The joint with another zero [degrees]."""
+    if _runs_law(equation):
+        return _anew(equation, with_zero(equation.record, joints, size))
     shift = np.zeros(equation.dynamics.n)
     shift[list(joints)] = np.deg2rad(size)
     return equation.restated(motion=equation.motion._replace(q=equation.motion.q - shift))
+
+
+def with_zero(record, joints, size):
+    """A record in which the joint has another zero [degrees]."""
+    shift = np.zeros(record.n)
+    shift[list(joints)] = np.deg2rad(size)
+    return zero_shifted(record, shift)
 
 
 def tilts(equation, joints):
@@ -150,6 +164,11 @@ def torques_exchanged(equation, joints, size):
     return equation.with_torque(_exchanged(equation.torque, joints))
 
 
+def with_torques_exchanged(record, joints, size):
+    """A record with the torques of two joints exchanged, on the joints' side."""
+    return exchanged_torques(record, joints, 0.0)
+
+
 def in_time(equation, joints, size):
     """Torques that were logged so many milliseconds late."""
     # What wraps around lies outside the rows that are compared.
@@ -158,7 +177,7 @@ def in_time(equation, joints, size):
 
 def counts_in_time(equation, joints, size):
     """Counts that were so many samples late; the torque of the law follows from them anew."""
-    return type(equation).of(equation.dynamics, counts_earlier(equation.record, (), size))
+    return _anew(equation, counts_earlier(equation.record, joints, size))
 
 
 def counts_lateness(equation, joints):
@@ -166,22 +185,65 @@ def counts_lateness(equation, joints):
 
     A law without memory turns late counts into viscous friction, which is fitted in any case.
     """
-    if not _of_law(equation) or not equation.constant:
+    if not _runs_law(equation):
         return
 
+    def unlikely(size):
+        return equation.evidence - counts_in_time(equation, joints, size).evidence_at_best
+
+    size, least = _likeliest(unlikely, (0.0, *SETTINGS.counted_late), SETTINGS.counted)
+    # Counts between the rows have less noise than whole ones, whether they are late or early.
+    early = equation.evidence - unlikely(-size)
+    yield size, equation.evidence - least - max(equation.evidence, early)
+
+
+def _likeliest(unlikely, trials, tolerance):
+    """The likeliest size near one of some trials but the first and last, and how unlikely it is."""
+    # It is slow to import.
     from scipy.optimize import minimize_scalar
 
-    def unlikely(size):
-        return equation.evidence - counts_in_time(equation, joints, size).evidence
-
-    tried = np.array([0.0, *SETTINGS.counted_late])
-    best = int(np.argmin([unlikely(size) for size in tried[1:]])) + 1
-    nearest = tried[best - 1], tried[min(best + 1, len(tried) - 1)]
-    options = {"xatol": SETTINGS.counted}
+    best = 1 + int(np.argmin([unlikely(size) for size in trials[1:-1]]))
+    nearest = trials[best - 1], trials[best + 1]
+    options = {"xatol": tolerance}
     refined = minimize_scalar(unlikely, bounds=nearest, method="bounded", options=options)
-    # Counts between the rows have less noise than whole ones, whether they are late or early.
-    early = equation.evidence - unlikely(-refined.x)
-    yield float(refined.x), equation.evidence - float(refined.fun) - max(equation.evidence, early)
+    return float(refined.x), float(refined.fun)
+
+
+def with_larger_gain(equation, joints, size):
+    """The main gain of the law larger by so many per cent, and the torque anew."""
+    if equation.gains_of_joints:
+        return equation.with_open_gains
+    return _anew(equation, with_gain(equation.record, equation.main_gain.name, size))
+
+
+def record_with_gain(record, joints, size):
+    """A record whose law has a main gain that is larger by so many per cent."""
+    return with_gain(record, main_gain(record).name, size)
+
+
+def with_gain(record, name, size):
+    """A record whose law has a number larger by so many per cent."""
+    names = own_numbers(record.law)[name]
+    return replace(record, law=with_numbers(record.law, 1 + size / 100, names))
+
+
+def other_gain(equation, joints):
+    """Per cent by which the main gain of the law may be larger, and the evidence."""
+    if not _runs_law(equation) or equation.main_gain is None or equation.open_gains:
+        return
+    if equation.gains_of_joints:
+        opened = equation.with_open_gains
+        # A log too short for friction, which then has more power than the torques, tells no gain.
+        if abs(equation.fitted.power) > 1:
+            return
+        yield 100 * opened.fitted.gain, opened.evidence - equation.evidence
+        return
+
+    def unlikely(size):
+        return equation.evidence - with_larger_gain(equation, joints, size).evidence
+
+    size, least = _likeliest(unlikely, SETTINGS.changed, SETTINGS.refined_change)
+    yield size, -least - SETTINGS.drift
 
 
 def cut_off(equation, joints, size):
@@ -199,8 +261,19 @@ def limits(equation, joints):
 
 
 def _of_law(equation):
-    """Whether the torque is that of a law, run along a log."""
+    """Whether the torque is that of a law, from the counts of a log."""
     return equation.commanded and equation.record is not None
+
+
+def _runs_law(equation):
+    """Whether the torque is that of a law with memory, which was run along a log."""
+    return _of_law(equation) and equation.constant
+
+
+def _anew(equation, record):
+    """The equation of another record of the same arm: the torque of its law follows anew."""
+    anew = type(equation).of(equation.dynamics, record)
+    return replace(anew, open_gains=equation.open_gains)
 
 
 def _samples(equation, milliseconds):

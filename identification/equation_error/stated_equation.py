@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from identification.equation_error.filters import derivatives, low_pass
+from identification.equation_error.law_gains import MainGain, main_gain
 from identification.equation_error.law_memory import along_log
 from identification.equation_error.leaning_base import LeaningBase
 from identification.equation_error.regressor import regressor_along
@@ -62,6 +63,15 @@ class RestatedSettings:
     usual : float
         Power of the friction of gears, as a share of that of the torques, where none is stated:
         0.9 and 0.5 in the logs of a UR10 and a Panda.
+    against_gains : float
+        Log odds against other gains of a law beside another mistake. They explain up to 3 of a
+        right log, and 13 and more of one with other gains (``tests/benchmarks/causes.py``).
+    drift : float
+        Evidence of another bandwidth that drifting friction looks like: 2 beyond what is against
+        another gain, with a margin (``tests/benchmarks/causes.py``).
+    gains : float
+        Standard deviation of a law's gains, relative: as of the cause "law gain" of
+        ``identification/results/with_arm.py``.
     scale : float
         Factor by which the bodies that a chain states may be wrong together.
     roughly : float
@@ -80,10 +90,15 @@ class RestatedSettings:
     refined : tuple of float
         Factors by which the likeliest of these limits is refined; chosen by hand.
     counted_late : tuple of float
-        Delays of the counts [samples] that are tried where a law's torque depends on them: those of
-        loggers in ``tests/benchmarks/spoilers.py`` are 0.3 to 2.
+        Delays of the counts [samples] that are tried where a law's torque depends on them, and the
+        largest one: those of loggers in ``tests/benchmarks/spoilers.py`` are 0.3 to 2.
     counted : float
         Error [samples] to which the likeliest of these is refined; chosen by hand.
+    changed : tuple of float
+        Changes [%] of the main gain of a law that are tried, between the smallest and the largest
+        one: gains in ``tests/benchmarks/causes.py`` are 15 to 40 % off.
+    refined_change : float
+        Error [%] to which the likeliest of these is refined; chosen by hand.
     late : tuple of float
         Times [ms] by which torques may be late that are tried: a few cycles of a slow bus.
     """
@@ -101,6 +116,9 @@ class RestatedSettings:
     braked: float = 0.02
     friction: float = 0.7
     usual: float = 0.2
+    against_gains: float = 8.0
+    drift: float = 6.0
+    gains: float = 0.3
     scale: float = 1.25
     roughly: float = 0.2
     certain: float = 3.0
@@ -122,8 +140,10 @@ class RestatedSettings:
         0.9,
     )
     refined: tuple[float, ...] = (0.82, 0.88, 0.94, 1.06, 1.12, 1.18)
-    counted_late: tuple[float, ...] = (0.5, 1.0, 1.5, 2.0, 3.0)
+    counted_late: tuple[float, ...] = (0.5, 1.0, 1.5, 2.0, 3.0, 4.0)
     counted: float = 0.05
+    changed: tuple[float, ...] = (-60.0, -40.0, -20.0, 20.0, 40.0, 70.0, 120.0)
+    refined_change: float = 2.0
     late: tuple[float, ...] = (-80.0, -40.0, -20.0, -10.0, 10.0, 20.0, 40.0, 60.0, 80.0)
 
 
@@ -134,7 +154,8 @@ class Remainder(NamedTuple):
     """What least squares leaves of the torques, and the power of its friction, as shares.
 
     `left`, `power`: of all joints; `left_by_joint`, `power_by_joint` (n,): of each; `std` and
-    `power_std` (n,): standard deviations of the powers.
+    `power_std` (n,): standard deviations of the powers. `gain`: relative change of a law's main
+    gains, on average; 0 without one.
     """
 
     left: float
@@ -143,6 +164,7 @@ class Remainder(NamedTuple):
     left_by_joint: Floats
     power_by_joint: Floats
     power_std: Floats
+    gain: float
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -157,7 +179,8 @@ class TorqueEquation:
     an unknown constant. `commanded`: whether the torque is that of the law, none was logged.
     `frictionless`: whether it is known to have less friction in it than the rig states.
     `record`: the record as it is stated, and `signals`: its torques before they were smoothed; None
-    of a band, and the record of a restated log.
+    of a band, and the record of a restated log. `main_gain`: of the law, where it was run;
+    `open_gains`: whether it is unknown, joint by joint.
     """
 
     dynamics: Dynamics
@@ -175,6 +198,8 @@ class TorqueEquation:
     unit: Floats | None = None
     record: Record | None = None
     signals: Any = None
+    main_gain: MainGain | None = None
+    open_gains: bool = False
 
     @classmethod
     def of(cls, dynamics: Dynamics, record: Record) -> "TorqueEquation | None":
@@ -207,6 +232,7 @@ class TorqueEquation:
             commanded=not logged,
             record=stated,
             signals=signals,
+            main_gain=main_gain(stated) if sampled else None,
         )
 
     @classmethod
@@ -253,12 +279,34 @@ class TorqueEquation:
         return LeaningBase.along(self.dynamics, self.rig, self._compared)
 
     def _with_joints(self, Y: Floats) -> Floats:
-        """The regressor (R, n, k) of f with columns of the joints: springs, then friction."""
+        """The regressor (R, n, k) of f, then columns of springs, of gains, and of friction."""
         motion = self._compared
         # Stiffness and rest of a stated spring are seldom exact: an arm is not accused of them.
         sprung = np.eye(self.dynamics.n)[np.any(self._springs != 0, axis=0)].T
         springs = [sprung * term[:, :, None] for term in (motion.q, np.ones_like(motion.q))]
-        return np.concatenate([Y, *springs, *self._friction], axis=2)
+        return np.concatenate([Y, *springs, *self._gains, *self._friction], axis=2)
+
+    @functools.cached_property
+    def _gains(self) -> list[Floats]:
+        """Column (R, n, n) of main gains that are open."""
+        if not self.open_gains or self.main_gain is None:
+            return []
+        effect = self.signals.smooth(self.signals.rows(self.main_gain.effect))
+        # The law would add this torque to the stated one, on the other side of the equation.
+        return [-np.eye(self.dynamics.n) * effect[self.rows][:, :, None]]
+
+    @property
+    def gains_of_joints(self) -> bool:
+        """Whether a law was run that has a main gain of each joint."""
+        return self.main_gain is not None and self.main_gain.by_joint
+
+    @functools.cached_property
+    def with_open_gains(self) -> "TorqueEquation":
+        """The same log, with any main gains of its law."""
+        equation = replace(self, open_gains=True)
+        place = self.columns.shape[2] - _width(self._friction)
+        columns = np.insert(self.columns, [place] * self.dynamics.n, equation._gains[0], axis=2)
+        return equation.with_columns(columns, self.needed)
 
     @property
     def _springs(self) -> Floats:
@@ -339,6 +387,16 @@ class TorqueEquation:
         )
 
     @property
+    def evidence_at_best(self) -> float:
+        """The same, or that of other main gains if they are likelier, for all that is against them.
+
+        Of two mistakes at once neither may explain more of a log than none.
+        """
+        if self.open_gains or not self.gains_of_joints:
+            return self.evidence
+        return max(self.evidence, self.with_open_gains.evidence - SETTINGS.against_gains)
+
+    @property
     def _driving(self) -> float:
         """Log odds for friction of its usual size that drives the motion, against one that brakes.
 
@@ -384,7 +442,7 @@ class TorqueEquation:
         """What least squares leaves of the torques, and the power of its friction."""
         A, b, scale = self.of_joints
         # The products of the columns are many times faster, and exact enough for a share of 1e-4.
-        inverse = np.linalg.pinv(A.T @ A, rcond=1e-12, hermitian=True)
+        inverse = np.linalg.pinv(A.T @ A + self._prior, rcond=1e-12, hermitian=True)
         values = inverse @ (A.T @ b)
         remaining = (b - A @ values).reshape(scale.shape)
         left = float(np.sqrt(np.mean(remaining**2)))
@@ -392,11 +450,12 @@ class TorqueEquation:
         power = np.abs(speed * b.reshape(speed.shape)).sum(axis=0)
         # Work of the friction of each joint per unit of the values; f does none of it.
         work = (speed[:, :, None] * A.reshape(*speed.shape, -1)).sum(axis=0)
-        work[:, : A.shape[1] - sum(friction.shape[2] for friction in self._friction)] = 0.0
-        # Errors repeat along a motion: so many rows count as fewer independent equations.
-        error = left * math.sqrt(max(1.0, b.size / (2 * SETTINGS.independent)))
+        work[:, : -_width(self._friction)] = 0.0
+        error = left * _repeating(b.size)
         std = error * np.sqrt(np.einsum("jk,kl,jl->j", work, inverse, work).clip(0))
         total = work.sum(axis=0)
+        # Joints whose gain hardly acts say little about it.
+        acting = float(values[self._places_of_gains] @ self._gain_sizes)
         return Remainder(
             left=left,
             power=float(total @ values / (power.sum() or 1.0)),
@@ -404,7 +463,34 @@ class TorqueEquation:
             left_by_joint=np.sqrt(np.mean(remaining**2, axis=0)),
             power_by_joint=work @ values / np.maximum(power, 1e-300),
             power_std=std / np.maximum(power, 1e-300),
+            gain=acting / float((self._gain_sizes**2).sum() or 1.0),
         )
+
+    @functools.cached_property
+    def _gain_sizes(self) -> Floats:
+        """Largest torque (n,), in its unit, per relative change of each joint's main gain."""
+        scale = self.of_joints[2]
+        largest = [np.abs(gains * scale[:, :, None]).max(axis=(0, 1)) for gains in self._gains]
+        return np.concatenate([np.empty(0), *largest])
+
+    @functools.cached_property
+    def _prior(self) -> Floats:
+        """Information (k, k) on the values of the columns: gains are nearly as stated.
+
+        Without it, gains of zero would explain any log with a torque of nothing.
+        """
+        A, b, _ = self.of_joints
+        information = np.zeros(A.shape[1])
+        error = SETTINGS.floor * _repeating(b.size)
+        usual = SETTINGS.gains * self._gain_sizes
+        information[self._places_of_gains] = (error / np.where(usual > 0, usual, np.inf)) ** 2
+        return np.diag(information)
+
+    @property
+    def _places_of_gains(self) -> slice:
+        """The columns of gains, which stand before those of friction."""
+        end = self.columns.shape[2] - _width(self._friction)
+        return slice(end - _width(self._gains), end)
 
     @functools.cached_property
     def _beside_friction(self) -> Floats | None:
@@ -412,7 +498,7 @@ class TorqueEquation:
         if self.needed is None:
             return None
         A, b, scale = self.of_joints
-        F = A[:, A.shape[1] - sum(friction.shape[2] for friction in self._friction) :]
+        F = A[:, -_width([*self._gains, *self._friction]) :]
         torques = np.column_stack([b, (self.needed * scale).ravel()])
         return (torques - F @ np.linalg.lstsq(F.T @ F, F.T @ torques, rcond=1e-12)[0]).T
 
@@ -455,6 +541,16 @@ class TorqueEquation:
     def restated(self, **changes: Any) -> "TorqueEquation":
         """The same log with other statements, no longer that of its record."""
         return replace(self, record=None, **changes)
+
+
+def _width(blocks: list[Floats]) -> int:
+    """Number of columns of some blocks (R, n, k)."""
+    return sum(block.shape[2] for block in blocks)
+
+
+def _repeating(equations: int) -> float:
+    """Factor of the error of an equation: errors repeat along a motion, so fewer count."""
+    return math.sqrt(max(1.0, equations / (2 * SETTINGS.independent)))
 
 
 def _shift(rows: int, period: float) -> int:

@@ -16,7 +16,7 @@ from identification.results.corrected import corrected
 from identification.results.diagnostics import Diagnostics
 from identification.results.plots import plot_identification
 from identification.results.summary import doubts, summary_of
-from identification.results.trust import warnings_of
+from identification.results.trust import late_by_law, warnings_of
 from identification.search import Fit, Search, as_repeated
 from plant import Arm, Law, Record, Reference, Resumed, Rig
 from plant.checkup import Cause, hardly_moving
@@ -48,6 +48,10 @@ class Identification(PredictsTorque, Shown, Saved, Frozen):
         Hypotheses of the user's that explain the first record better, the likeliest first.
     failed : tuple of str
         Hypotheses of the user's that could not be tried, with the reason, a line each.
+    beside : tuple of Cause
+        Causes that the first log shows once its mistakes are corrected, where they can be.
+    left : tuple of str
+        Doubts about this corrected log, a line each.
 
     See Also
     --------
@@ -78,6 +82,8 @@ class Identification(PredictsTorque, Shown, Saved, Frozen):
     diagnostics: Diagnostics
     own_causes: tuple[Cause, ...] = ()
     failed: tuple[str, ...] = ()
+    beside: tuple[Cause, ...] = ()
+    left: tuple[str, ...] = ()
 
     def provenance(self) -> dict[str, Any]:
         """Logs by their fingerprints, method, seed and warnings, and versions of the software."""
@@ -283,25 +289,33 @@ class Identification(PredictsTorque, Shown, Saved, Frozen):
         """What contradicts the first record, its rig or its law, the likeliest first.
 
         Mistakes in columns, then in signs and gravity, whatever f is, or in their place those of
-        the user's own hypotheses; then effects that the rig does not model. Those were tested in
-        the log as it is: behind a mistake each may be its effect, and says so (`behind`).
+        the user's own hypotheses; then effects that the rig does not model. Behind mistakes those
+        of the corrected log follow. Where it has none, or cannot be corrected, the effects were
+        tested in the log as it is: each may be an effect of the mistake, and says so (`behind`).
         """
-        mistakes = self.own_causes or self._mistakes
-        effects = self.diagnostics.detection.causes
-        if mistakes:
+        mistakes = self.mistakes
+        effects = self.beside or self.diagnostics.detection.causes
+        if mistakes and not self.beside:
             behind = mistakes[0].name
             effects = tuple(dataclasses.replace(effect, behind=behind) for effect in effects)
         return (*mistakes, *effects)
 
     @property
-    def _mistakes(self) -> tuple[Cause, ...]:
+    def mistakes(self) -> tuple[Cause, ...]:
         """What is wrong with the first record, its rig or its law, whatever f is."""
+        if self.own_causes:
+            return self.own_causes
         record = self.records[0]
         of_log: tuple[Cause, ...] = ()
         # A checkup takes time, and accuses no log that nothing else doubts.
         if self.doubts:
             checkup = record.check()
-            of_log = tuple(cause for cause in checkup.causes if cause.line in self.warnings)
+            late = late_by_law(self)
+            of_log = tuple(
+                cause
+                for cause in checkup.causes
+                if cause.line in self.warnings or (late and cause.name == "late counts")
+            )
             record = checkup.corrected if of_log else record
         return (*of_log, *restated(self.arm.dynamics, record))
 

@@ -5,22 +5,20 @@ with another gain or with a derivative. The difference between the two torques, 
 change, is the effect. A law without memory needs no second run: each sample determines its torque.
 """
 
+import itertools
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from typing import Any, TypeAlias
 
 import numpy as np
 
+from identification.equation_error import SMALL, own_numbers, with_numbers
 from identification.replay import Optimum
 from identification.results.assumed import smoothed
 from plant import Record
 from plant.laws import AlongLog, commanded_torque, variants
 from plant.parts import Floats
 from plant.simulation import run_law
-
-# Relative change of a gain. It is so small that its effect is linear even if the law limits its
-# torque.
-_SMALL = 0.01
 
 # Derivative that is tried, per unit of the proportional gain [s]. Its effect is linear.
 _LEAD = 1e-3
@@ -132,12 +130,12 @@ def _begun_as(law, variant, n):
 
 def _with_gains(law, n):
     """A law with another gain of one joint, for each gain."""
-    for name, value in law.law.numbers().items():
-        # Numbers of an arm or a rig in a law, such as ``arm.f[0]``, are not gains. Numbers without
-        # a joint, those of filters and observers, are left out, since they would explain effects of
-        # other causes: drifting friction once looked like a bandwidth that was 31 % lower.
-        if value and "[" in name and "." not in name:
-            yield f"controller.{name}", _with_number(law, name, (1 + _SMALL) * value), _SMALL
+    # Numbers without a joint, those of filters and observers, are left out, since they would
+    # explain effects of other causes: drifting friction once looked like a bandwidth that was 31 %
+    # lower.
+    for place in itertools.chain(*own_numbers(law).values()):
+        if "[" in place:
+            yield f"controller.{place}", with_numbers(law, 1 + SMALL, [place]), SMALL
 
 
 def _with_derivatives(law, n):

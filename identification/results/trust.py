@@ -105,7 +105,7 @@ class _Case:
             identification=identification,
             fits=identification.diagnostics.closest > 0,
             replayed=any(record.law is not None and record.law.replays for record in records),
-            late=_late(identification),
+            late=late_by_law(identification),
         )
 
     @property
@@ -145,7 +145,9 @@ def warnings_of(identification: Any) -> dict[str, bool]:
             statements += misread(other)
     if statements and any(lines.values()):
         lines = {_EFFECTS: False} | lines
-    return dict.fromkeys(statements, True) | lines
+    # A second mistake shows in the corrected log.
+    beside = [f"with the mistakes corrected: {line}" for line in identification.left]
+    return dict.fromkeys([*statements, *beside], True) | lines
 
 
 _EFFECTS = (
@@ -290,7 +292,7 @@ def _law_differs(apart):
     return apart is not None and bool(apart.max() > SETTINGS.law_torque)
 
 
-def _late(identification):
+def late_by_law(identification):
     """Delays (n,) of the counts with which the stated law gives the logged torque, by record.
 
     The delay is 0 for a joint that is not late. Records without a late joint are left out.

@@ -38,7 +38,14 @@ from plant.checkup.score import Experiment
 from plant.checkup.signals import Signals
 from plant.checkup.stamps import time_findings
 from plant.checkup.trials import Trials
-from plant.checkup.undo import counts_in_time, exchanged_torques, turned_reference, turned_torque
+from plant.checkup.undo import (
+    counts_in_time,
+    exchanged_torques,
+    turned_joint,
+    turned_reference,
+    turned_torque,
+    zero_shifted,
+)
 
 __all__ = [
     "BRIDGED",
@@ -84,7 +91,9 @@ __all__ = [
     "short_gaps",
     "spectrum",
     "time_findings",
+    "turned_joint",
     "turned_reference",
     "turned_torque",
     "whole",
+    "zero_shifted",
 ]

@@ -33,10 +33,13 @@ class AlongLogSettings:
 SETTINGS = AlongLogSettings()
 
 
-def steps_of_torque(signals: Signals, commanded: Floats, rows: int = 1) -> tuple[Floats, Floats]:
-    """Steps (M, n) of commanded and of logged motor torque over some rows of the log.
+def steps_of_torque(
+    signals: Signals, commanded: Floats, *, slow: bool = False
+) -> tuple[Floats, Floats]:
+    """Steps (M, n) of commanded and of logged motor torque from sample to sample of the log.
 
-    `commanded` (K, n): joint torque of the law, as of `torque_along`.
+    `commanded` (K, n): joint torque of the law, as of `torque_along`. `slow`: steps over the
+    smoothing window, of torques that are averaged over it.
     """
     # A law that starts with the log has the right memory, and any other forgets the wrong one.
     clear = signals.clear[: len(commanded)].copy()
@@ -50,6 +53,9 @@ def steps_of_torque(signals: Signals, commanded: Floats, rows: int = 1) -> tuple
     torques = (
         rig.drive.motor_torque(rig.drive.limited(joint)) for joint in (commanded + injected, logged)
     )
+    if slow:
+        torques = (signals.smooth_evenly(torque) for torque in torques)
+    rows = signals.window if slow else 1
     steps, measured = (torque[rows:] - torque[:-rows] for torque in torques)
     steps = np.nan_to_num(steps, nan=0.0, posinf=0.0, neginf=0.0)
     # A step begins and ends where the memory of the law is the log's.

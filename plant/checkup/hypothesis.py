@@ -54,6 +54,7 @@ SENTENCE_FIELDS = {
     "error": "name of the joint's column of tracking errors",
     "cell": "the cell of the counter at zero by the rounding that is not stated",
     "rounding": "the rounding of the encoder that is not stated",
+    "gain": "name of the main gain of the law",
 }
 """Fields of the sentence and the remedy of a hypothesis, with their meanings."""
 
@@ -99,6 +100,9 @@ class Hypothesis(Generic[Experiment]):
     scored : bool
         Whether the score counts, too, where a hypothesis has evidence of its own: then the larger
         of the two counts.
+    of_record : callable, optional
+        ``of_record(record, joints, size)`` gives the record without the mistake, where `undo`
+        changes something else than a record.
     parameter : bool
         Whether the mistake is a number of the model that an identification estimates. A correction
         that the log cannot distinguish from it is not advised.
@@ -144,6 +148,7 @@ class Hypothesis(Generic[Experiment]):
     suggested: Callable[[Any, Joints], tuple[float, ...]] | None = None
     evidence: Callable[[Any, Joints], Iterable[tuple[float, float]]] | None = None
     scored: bool = False
+    of_record: Callable[[Any, Joints, float], Any] | None = None
     parameter: bool = False
     measurement: str = ""
 
@@ -161,7 +166,7 @@ class Hypothesis(Generic[Experiment]):
                 f"hypothesis {self.name!r}: tolerance must be positive; got {self.tolerance!r:.60}."
                 " Leave it out for a size that needs no spread."
             )
-        for field in ("undo", "scope", "suggested", "evidence"):
+        for field in ("undo", "scope", "suggested", "evidence", "of_record"):
             function = getattr(self, field)
             # Only what a row can do without may be None.
             if not callable(function) and (function is not None or field in ("undo", "scope")):

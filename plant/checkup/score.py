@@ -270,13 +270,14 @@ class Experiment:
 
     @functools.cached_property
     def slow_command(self) -> Floats | None:
-        """The same of steps over the smoothing window, of a law with memory.
+        """The same of slow steps, of a law with memory.
 
-        Noise of a current hides the steps from sample to sample, and hardly these.
+        Noise of a current hides the steps from sample to sample, and hardly these. So does that of
+        counts between two rows, which a derivative enlarges.
         """
         if self.torques_of_law is None or not self.has_memory:
             return None
-        return _shares(steps_of_torque(self.signals, self.torque_along, self.signals.window))
+        return _shares(steps_of_torque(self.signals, self.torque_along, slow=True))
 
     @functools.cached_property
     def torque(self) -> Floats | None:

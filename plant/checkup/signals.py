@@ -71,29 +71,29 @@ class Signals:
         # Rows without weight would be outliers of every check.
         self._valid = record.valid > 0
         self._all_valid = bool(self._valid.all())
-        self.t = self._rows(record.t)
+        self.t = self.rows(record.t)
         # Columns that a changed record shares with its base are not computed again.
         before = base and base.record
         columns = "error_pulses", "reference_pulses", "valid"
         same = before and all(getattr(before, name) is getattr(record, name) for name in columns)
-        self.counts: Floats = base.counts if base and same else self._rows(record.counts)
+        self.counts: Floats = base.counts if base and same else self.rows(record.counts)
         same_times = before and before.t is record.t
         self._same_counts = base if same and same_times else None
         self.reference = None
         # Records without a reference have zeros there.
         if record.reference_pulses.any():
-            self.reference = self._rows(record.reference_pulses)
+            self.reference = self.rows(record.reference_pulses)
         drive = record.rig.drive
         self.torque = None
         if record.torque is not None:
-            self.torque = self._rows(drive.motor_torque(record.torque))
+            self.torque = self.rows(drive.motor_torque(record.torque))
         elif record.current is not None:
-            self.torque = self._rows(drive.motor_gain * record.current)
+            self.torque = self.rows(drive.motor_gain * record.current)
         self.interval = (
             float(np.median(np.diff(record.t))) if len(record) > 1 else record.rig.period
         )
 
-    def _rows(self, table):
+    def rows(self, table):
         """Rows of a table with weight; the table itself where all have it, for it may be long."""
         return table if self._all_valid else table[self._valid]
 
@@ -195,8 +195,13 @@ class Signals:
     def smooth(self, values: Floats) -> Floats:
         """Values (M, n) at evenly spaced times, averaged over the window."""
         # Filters need even times.
-        columns = [np.interp(self.times, self.t, column) for column in values.T]
-        return np.column_stack([self.smooth_even(column) for column in columns])
+        return self.smooth_evenly(
+            np.column_stack([np.interp(self.times, self.t, column) for column in values.T])
+        )
+
+    def smooth_evenly(self, values: Floats) -> Floats:
+        """Evenly spaced values (G, n), averaged over the window."""
+        return np.column_stack([self.smooth_even(column) for column in values.T])
 
     def smooth_even(self, values: Floats) -> Floats:
         """Evenly spaced values (G,), averaged over the window."""

@@ -143,6 +143,15 @@ def turned_reference(record: Any, joints: Joints, size: float) -> Any:
     return with_reference(record, _turned(record, record.reference_pulses, joints, angles))
 
 
+def turned_joint(record: Any, joints: Joints, size: float) -> Any:
+    """Change the sign of counts, reference and torque alike."""
+    pulses = _turned(record, record.reference_pulses, joints, _mapped(record, "reference_position"))
+    counts = _turned(record, record.counts, joints, _mapped(record, "position"))
+    turned = with_counts(with_reference(record, pulses), counts)
+    logged = record.torque is not None or record.current is not None
+    return turned_torque(turned, joints, size) if logged else turned
+
+
 def turned_gear(record: Any, joints: Joints, size: float) -> Any:
     """Change the sign of the gear, and of the columns that it converted from angles."""
     positions = _mapped(record, "position")
@@ -153,6 +162,14 @@ def turned_gear(record: Any, joints: Joints, size: float) -> Any:
     turned = turned_counts if positions else turned_reference
     gear = _signs(record, joints) * record.rig.drive.gear
     return with_drive(turned(record, joints, size), gear=gear)
+
+
+def zero_shifted(record: Any, angles: Floats) -> Any:
+    """Subtract angles (n,) [rad] from the positions of counts and reference."""
+    rig = record.rig
+    pulses = np.round(rig.position_in_pulses(angles) - rig.position_in_pulses(0 * angles))
+    moved = with_reference(record, record.reference_pulses - pulses)
+    return with_counts(moved, record.counts - pulses)
 
 
 def turned_torque(record: Any, joints: Joints, size: float) -> Any:

@@ -8,7 +8,7 @@ The script runs the whole suite, with the slow tests, and replaces the table. Th
 - each case that takes at least `--case` seconds, except the quickest case of its test.
 
 The processor time includes that of child processes, but not that of fixtures. `pytest` leaves out
-what the table names, `pytest -m slow` runs it, and each run of CI takes a sixteenth of it
+what the table names, `pytest -m slow` runs it, and each run of CI takes a part of it
 (`--slow-part`).
 """
 

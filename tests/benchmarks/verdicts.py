@@ -13,6 +13,7 @@ every verdict that changed.
 import argparse
 import collections
 import json
+import re
 import sys
 import time
 import warnings
@@ -155,6 +156,10 @@ def right(verdict, sentences):
     if mistakes[0][0] == "":
         return all(causes.names_it(text, mistakes[0]) for text in texts)
     if len(mistakes) > 1:
+        # A refusal says all in one line.
+        texts = [
+            sentence for text in texts for sentence in re.split(r"(?<=[.)]) (?=[A-Za-z])", text)
+        ]
         return all(any(causes.names_it(text, labels) for text in texts) for labels in mistakes)
     return causes.names_it(texts[0] if texts else "", mistakes[0])
 

@@ -8,9 +8,12 @@ import pytest
 from packaged_arms import elbow_of_a_ur5e
 from random_rigs import drawn
 
+from ctc import ComputedTorque
 from identification.equation_error import (
+    HYPOTHESES,
     TorqueEquation,
     contradictions,
+    mistakes_of,
     regressor_along,
     restated,
     restatements,
@@ -410,3 +413,111 @@ def test_a_right_log_of_a_law_with_memory_is_not_restated():
     arm, rig = puma560.literature_arm(1.5), puma560.rig()
     right = simulate(arm, rig, PID_LAW, puma560.reference(), duration=2.0)
     assert restated(arm.dynamics, dataclasses.replace(right, torque=None, current=None)) == ()
+
+
+def turned(record, sign=(1.0, -1.0)):
+    """The record whose counts and references have other signs; nothing else is logged."""
+    columns = {
+        name: np.array(sign) * getattr(record, name)
+        for name in ("error_pulses", "reference_pulses")
+    }
+    rest = dict.fromkeys(("reference", "true_q", "true_qd", "torque", "current"))
+    return dataclasses.replace(record, **rest, **columns)
+
+
+def stated(record, **numbers):
+    return dataclasses.replace(record, law=dataclasses.replace(record.law, **numbers))
+
+
+def test_a_joint_that_turns_is_named_beside_gains_that_are_not_stated():
+    """Alone neither of the two mistakes explains more of the log."""
+    arm, rig = puma560.literature_arm(1.5), puma560.rig()
+    right = simulate(arm, rig, PID_LAW, puma560.reference(), duration=3.0)
+    wrong = stated(turned(right), gain=0.7 * PID_LAW.gain)
+    cause, *_ = restated(DYNAMICS, wrong)
+    assert (cause.name, cause.joints) == ("joint sign", (1,))
+
+
+def ur5e_log(law):
+    """Dynamics and log of the elbow of a UR5e under a law; the counts alone are logged."""
+    _, dynamics, made = elbow()
+    arm = dynamics.arm(dynamics.f())
+    record = simulate(arm, made.rig, law(arm, made.rig), made.reference, duration=2.7)
+    return dynamics, dataclasses.replace(record, torque=None, current=None)
+
+
+def elbow_pid(arm, rig):
+    gain = np.array((0.04, 0.015))
+    return PID(gain=gain, integral=5 * gain, derivative=0.004 * gain, filter=2000.0, period=1e-3)
+
+
+def test_gains_of_a_pid_that_are_not_stated_are_named_with_their_size():
+    dynamics, right = ur5e_log(elbow_pid)
+    assert restated(dynamics, right) == ()
+    wrong = stated(right, gain=right.law.gain / 1.4)
+    cause, *_ = restated(dynamics, wrong)
+    assert cause.name == "law gain"
+    assert cause.size == pytest.approx(40, abs=4)
+    corrected = mistakes_of(dynamics, wrong).corrected
+    np.testing.assert_allclose(corrected.law.gain, right.law.gain, rtol=0.03)
+
+
+@pytest.mark.slow
+def test_the_bandwidth_of_a_computed_torque_and_a_zero_are_told_apart():
+    """The law of a log with another zero is run anew: it knows gravity."""
+    dynamics, right = ur5e_log(model_off(0.4))
+    assert restated(dynamics, right) == ()
+    cause, *_ = restated(dynamics, stated(right, bandwidth=60.0 / 0.75))
+    assert (cause.name, cause.size) == ("law gain", pytest.approx(-25, abs=3))
+    dynamics, right = ur5e_log(model_off(0.2))
+    zero = np.round(right.rig.position_in_pulses((0.0, np.pi / 2)))
+    moved = right.reference_pulses + zero
+    wrong = dataclasses.replace(right, reference=None, reference_pulses=moved)
+    cause, *_ = restated(dynamics, wrong)
+    assert (cause.name, cause.joints, cause.size) == ("joint zero", (1,), 90.0)
+
+
+def model_off(share):
+    """A computed torque whose model is off by a share, so that it has errors to act on."""
+
+    def law(arm, rig):
+        signs = (-1.0) ** np.arange(len(arm.f))
+        return ComputedTorque(arm.dynamics.arm(arm.f * (1 + share * signs)), rig, bandwidth=60.0)
+
+    return law
+
+
+@pytest.mark.parametrize(
+    ("name", "joints", "size", "spoil"),
+    [
+        (
+            "joint sign",
+            (1,),
+            1.0,
+            lambda r: signed(r, "error_pulses", "reference_pulses", "torque"),
+        ),
+        ("torque sign", (1,), 1.0, lambda r: signed(r, "torque")),
+        (
+            "exchanged torques",
+            (0, 1),
+            1.0,
+            lambda r: dataclasses.replace(r, torque=r.torque[:, ::-1]),
+        ),
+        ("law gain", (), 25.0, lambda r: stated(r, gain=r.law.gain / 1.25)),
+    ],
+)
+def test_rows_undo_their_mistake_in_a_record(name, joints, size, spoil):
+    arm = puma560.literature_arm(1.5)
+    made = simulate(arm, puma560.rig(), PID_LAW, puma560.reference(), duration=0.3)
+    bare = dict.fromkeys(("reference", "true_q", "true_qd", "current"))
+    right = dataclasses.replace(made, **bare)
+    row = next(row for row in HYPOTHESES if row.name == name)
+    undone = row.of_record(spoil(right), joints, size)
+    for column in ("error_pulses", "reference_pulses", "torque"):
+        np.testing.assert_array_equal(getattr(undone, column), getattr(right, column))
+    np.testing.assert_allclose(undone.law.gain, right.law.gain, rtol=1e-15)
+
+
+def signed(record, *columns):
+    sign = np.array((1.0, -1.0))
+    return dataclasses.replace(record, **{name: sign * getattr(record, name) for name in columns})

@@ -110,6 +110,30 @@ def test_counts_in_time_are_given_back(name):
 
 
 @pytest.mark.parametrize(
+    "samples",
+    [0.6, pytest.param(1.5, marks=pytest.mark.slow), pytest.param(1.8, marks=pytest.mark.slow)],
+)
+def test_counts_that_are_late_by_a_part_of_a_sample_are_named(samples):
+    """The derivative of a PID enlarges the noise of counts between two rows."""
+    record = simulate(ARM, RIG, LAGS, PATH, duration=2.4, steps_per_sample=8)
+    # The motion itself, read later; its rounding is that of no row.
+    q = np.column_stack(
+        [np.interp(record.t - samples * RIG.period, record.t, x) for x in record.true_q.T]
+    )
+    late = dataclasses.replace(
+        record,
+        error_pulses=record.reference_pulses - RIG.counts(q),
+        true_q=None,
+        true_qd=None,
+        link_counts=None,
+        current=None,
+    )
+    cause, *_ = late.check().causes
+    assert (cause.name, cause.joints) == ("late counts", ())
+    assert cause.size == pytest.approx(samples, abs=0.1)
+
+
+@pytest.mark.parametrize(
     "rounding",
     ["floor", *(pytest.param(name, marks=pytest.mark.slow) for name in ("fix", "round"))],
 )

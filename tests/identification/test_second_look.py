@@ -1,0 +1,54 @@
+"""A log with two mistakes: the second one shows once the first one is corrected."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from identification import Identification, RecordError, identify
+from plant import Chain, Dynamics, Link, P, puma560, simulate
+from plant.checkup import counts_in_time
+
+CHAIN = Chain(links=(Link(name="2", alpha=-np.pi / 2), Link(name="3", a=puma560.LINK_LENGTH)))
+DYNAMICS = Dynamics.from_chain(CHAIN)
+
+
+def log(law):
+    """A log without what only a simulation knows; joint 3 turns the other way in it."""
+    made = simulate(puma560.literature_arm(1.5), puma560.rig(), law, puma560.reference())
+    sign = np.array((1.0, -1.0))
+    columns = {
+        name: sign * getattr(made, name) for name in ("error_pulses", "reference_pulses", "torque")
+    }
+    bare = dict.fromkeys(("reference", "true_q", "true_qd", "current"))
+    return dataclasses.replace(made, **bare, **columns)
+
+
+def test_a_second_mistake_is_named_and_a_file_keeps_it(tmp_path):
+    law = puma560.p_law()
+    right = dataclasses.replace(log(law), torque=None)
+    wrong = dataclasses.replace(right, law=P(gain=1.5 * law.gain))
+    with pytest.warns(match="turns the other way"):
+        found = identify(DYNAMICS, wrong, method="prediction_error", progress=False)
+    assert [cause.name for cause in found.causes[:2]] == ["joint sign", "gain"]
+    # It was tested in the corrected log, so it is no effect of the first mistake.
+    assert not found.causes[1].behind
+    assert any("gains of law or motor" in line for line in found.left)
+    found.save(tmp_path / "found.json")
+    assert Identification.load(tmp_path / "found.json") == found
+
+
+def test_a_single_mistake_leaves_nothing_beside_it():
+    right = dataclasses.replace(log(puma560.p_law()), torque=None)
+    with pytest.warns(match="turns the other way"):
+        found = identify(DYNAMICS, right, method="prediction_error", progress=False)
+    assert (found.beside, found.left) == ((), ())
+
+
+def test_a_refusal_says_both():
+    late = counts_in_time(log(P(gain=(0.2, 0.15))), (), -1.8)
+    with pytest.raises(
+        RecordError, match=r"samples late .* joint 3 .* turns the other way"
+    ) as said:
+        identify(DYNAMICS, late, progress=False)
+    assert said.value.record == late
