@@ -439,8 +439,8 @@ def model_evidence(experiment: Experiment, joints: Joints) -> Iterator[tuple[flo
         motion, logged, equation = measured[i], motions[i], equations[i]
         # Beside the size of the torque, so that units do not count.
         size = np.std(commanded + difference)
-        # A torque that hardly changes, as at the amplifier's limit, is no model's.
-        if size < _CONSTANT * np.std(commanded):
+        # A torque that hardly changes, as at the amplifier's limit or at rest, is no model's.
+        if not np.std(commanded) > 0 or size < _CONSTANT * np.std(commanded):
             return
         unit = np.std(commanded) / size
         friction, std = unit * logged.coulomb, unit * logged.coulomb_std

@@ -38,6 +38,7 @@ def test_a_second_mistake_is_named_and_a_file_keeps_it(tmp_path):
     assert Identification.load(tmp_path / "found.json") == found
 
 
+@pytest.mark.slow
 def test_a_single_mistake_leaves_nothing_beside_it():
     right = dataclasses.replace(log(puma560.p_law()), torque=None)
     with pytest.warns(match="turns the other way"):
@@ -51,4 +52,4 @@ def test_a_refusal_says_both():
         RecordError, match=r"samples late .* joint 3 .* turns the other way"
     ) as said:
         identify(DYNAMICS, late, progress=False)
-    assert said.value.record == late
+    np.testing.assert_array_equal(said.value.record.counts, late.counts)
