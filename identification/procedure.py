@@ -159,7 +159,8 @@ def identify(
     -------
     Identification
         Where the only record has a mistake that can be corrected, the corrected record is
-        identified as well. What it shows is in ``found.beside`` and among the warnings.
+        identified as well, by "prediction_error" without ranges, and not where hypotheses of your
+        own explain the log. What it shows is in ``found.beside`` and among the warnings.
 
     Raises
     ------
@@ -248,9 +249,10 @@ class _SecondLook:
     def mistakes(self) -> Mistakes | None:
         """The mistakes of the log; None where it cannot be examined, or is one of several."""
         # Several records have several mistakes, which a user corrects one after the other.
-        if not isinstance(self.records, Record) and len(self.records) != 1:
+        records = [self.records] if isinstance(self.records, Record) else self.records
+        if not isinstance(records, Sequence) or len(records) != 1:
             return None
-        record = self.records if isinstance(self.records, Record) else self.records[0]
+        (record,) = records
         with contextlib.suppress(ValueError):
             return mistakes_of(self.dynamics, record)
         return None
@@ -261,7 +263,7 @@ class _SecondLook:
         if self.mistakes is None or not self.mistakes.lines:
             return None
         with contextlib.suppress(ValueError), warnings.catch_warnings():
-            # Its doubts become those of the log as it is.
+            # Its doubts are listed beside those of the log as it is.
             warnings.simplefilter("ignore")
             problem = self.problem_of(
                 self.mistakes.corrected, held_out=None, method=_QUICKEST, ranges=None, settings=None

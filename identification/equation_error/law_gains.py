@@ -4,18 +4,19 @@ from dataclasses import replace
 from typing import Any
 
 from identification.equation_error.law_memory import along_log
-from identification.equation_error.torque_logs import torque_of
+from identification.equation_error.torque_logs import is_faster, torque_of
 from plant import Record, Resumed
+from plant.machine import InnerLoop
 from plant.parts import Floats, frozen
 
-# Relative change of a gain. It is so small that its effect is linear even if the law limits its
-# torque.
+# Relative change of a gain: so small that the torque changes almost linearly, but for the few
+# samples that enter or leave saturation.
 SMALL = 0.01
 
 
 @frozen
 class MainGain:
-    """The first number of a law, which is its proportional gain or its bandwidth.
+    """The first number of a law that is not zero: its proportional gain, or its bandwidth.
 
     `name`: of the number, without its joint. `by_joint`: whether each joint has one of its own.
     `effect` (N, n): change of the joint torques along a log [N m] per relative change.
@@ -50,16 +51,17 @@ def with_numbers(law: Any, factor: float, names: list[str]) -> Any:
 
 
 def main_gain(record: Record) -> MainGain | None:
-    """The main gain of the law of a record; None without a number.
+    """The main gain of the law of a record; None if the law has no number that is not zero.
 
-    The law has a memory, and its torque was not logged.
+    Only of a law with memory whose torque was not logged. None of a law that acts between the rows
+    of its log, or through an inner loop: the torques along the rows are not those that it gave.
     """
     law: Any = record.law
     numbers = own_numbers(law)
-    if not numbers:
+    if not numbers or is_faster(record) or isinstance(law.innermost, InnerLoop):
         return None
-    # One and the same number however the counts are restated: two would take over different
-    # mistakes.
+    # The same number whatever is corrected in the counts: different numbers would absorb different
+    # mistakes, and the corrections could not be compared.
     name, places = next(iter(numbers.items()))
     other = replace(record, law=with_numbers(law, 1 + SMALL, places))
     effect = (torque_of(along_log(other)) - torque_of(along_log(record))) / SMALL

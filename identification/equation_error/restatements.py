@@ -1,8 +1,9 @@
 """Functions that undo a mistake in the statement of a log or a chain, or suggest its size.
 
 A function with the arguments `equation`, `joints` and `size` returns the equation without the
-mistake. One without `size` returns the sizes that the log suggests, some of them with evidence:
-the logarithm of how much likelier a size makes the log.
+mistake; one with `record` in its place corrects the record. One without `size` returns the sizes
+that the log suggests, some of them with evidence: the logarithm of how much likelier a size makes
+the log.
 """
 
 import math
@@ -10,7 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from identification.equation_error.law_gains import main_gain, own_numbers, with_numbers
+from identification.equation_error.law_gains import own_numbers, with_numbers
 from identification.equation_error.regressor import regressor_along
 from identification.equation_error.stated_equation import SETTINGS
 from plant.checkup import counts_in_time as counts_earlier
@@ -107,7 +108,7 @@ def frictionless(equation, joints):
 
 
 def overstated(equation, joints):
-    """The same of the torques of a law, which drive the motors, friction and all."""
+    """As `frictionless`, of the torques of a law, which overcome the friction as well."""
     return _less_friction(equation) if equation.commanded else ()
 
 
@@ -129,9 +130,9 @@ def scales(equation, joints):
     """The ratio of the torques to those that the stated bodies need, and its evidence."""
     if equation.needed is None or not equation.scale:
         return
-    # Bodies that are all wrong by as much as is usual are no other unit.
+    # A ratio within the usual error of the stated bodies is no evidence of another unit.
     usual = float(np.clip(equation.scale, 1 / SETTINGS.scale, SETTINGS.scale))
-    # Nor is it a unit where the bodies explain nothing.
+    # Nor is one where the log is explained as well without the bodies.
     less_likely = max(map(equation.evidence_of_bodies, (usual, 0.0)))
     yield equation.scale, equation.evidence_of_bodies(equation.scale) - less_likely
 
@@ -181,7 +182,7 @@ def counts_in_time(equation, joints, size):
 
 
 def counts_lateness(equation, joints):
-    """Samples by which counts may be late, where a law with memory read them; the odds.
+    """Delay of the counts [samples], where a law with memory read them, and its evidence.
 
     A law without memory turns late counts into viscous friction, which is fitted in any case.
     """
@@ -192,7 +193,8 @@ def counts_lateness(equation, joints):
         return equation.evidence - counts_in_time(equation, joints, size).evidence_at_best
 
     size, least = _likeliest(unlikely, (0.0, *SETTINGS.counted_late), SETTINGS.counted)
-    # Counts between the rows have less noise than whole ones, whether they are late or early.
+    # Counts that are interpolated have less noise of rounding, whatever the direction of the shift:
+    # the opposite shift is the reference.
     early = equation.evidence - unlikely(-size)
     yield size, equation.evidence - least - max(equation.evidence, early)
 
@@ -218,7 +220,7 @@ def with_larger_gain(equation, joints, size):
 
 def record_with_gain(record, joints, size):
     """A record whose law has a main gain that is larger by so many per cent."""
-    return with_gain(record, main_gain(record).name, size)
+    return with_gain(record, next(iter(own_numbers(record.law))), size)
 
 
 def with_gain(record, name, size):
@@ -232,10 +234,10 @@ def other_gain(equation, joints):
     if not _runs_law(equation) or equation.main_gain is None or equation.open_gains:
         return
     if equation.gains_of_joints:
-        opened = equation.with_open_gains
-        # A log too short for friction, which then has more power than the torques, tells no gain.
+        # Friction of more power than the torques: the log is too short for it, and for a gain.
         if abs(equation.fitted.power) > 1:
             return
+        opened = equation.with_open_gains
         yield 100 * opened.fitted.gain, opened.evidence - equation.evidence
         return
 
@@ -256,7 +258,7 @@ def limits(equation, joints):
     if not _of_law(equation):
         return ()
     largest = np.abs(equation.signals.motor_torque).max(axis=0)
-    share = (equation.likeliest_limits / np.maximum(largest, 1e-300)).min()
+    share = np.min(equation.likeliest_limits[largest > 0] / largest[largest > 0], initial=1.0)
     return (100 * share,) if share < 1 else ()
 
 
@@ -291,7 +293,7 @@ def torques_lateness(equation, joints):
 
 
 def lead_over_law(equation, joints):
-    """The same of a law's torques, where none were logged: those of the machine lead them."""
+    """As `torques_lateness`, of a law's torques: those of the machine lead them."""
     return _latenesses(equation, joints, 1) if equation.commanded else []
 
 
