@@ -184,6 +184,17 @@ HYPOTHESES = (
         unit="%",
         of_record=undo.record_with_gain,
     ),
+    # A computed torque without its friction, an integral by another rule.
+    Hypothesis(
+        name="law variant",
+        sentence="the law that made the log is another variant of the stated one: that with"
+        " {variant}",
+        remedy="State the law with {variant}",
+        undo=undo.with_variant,
+        evidence=undo.other_variants,
+        against=14.0,
+        of_record=undo.record_with_variant,
+    ),
     Hypothesis(
         name="limit",
         sentence="the torques are cut off at a limit that the rig does not state, where the law"
@@ -239,6 +250,7 @@ _ALWAYS = (
     "tilted base",
     "joint zero",
     "law gain",
+    "law variant",
 )
 
 
@@ -277,7 +289,6 @@ def candidates_of(
 ) -> Iterator[Candidate]:
     """The restatements of an equation that are worth a trial, each with its log odds."""
     n = equation.dynamics.n
-    words = {} if equation.main_gain is None else {"gain": equation.main_gain.name}
     for hypothesis in hypotheses:
         if hypothesis.name not in _ALWAYS and not equation.left > SETTINGS.suspected:
             continue
@@ -287,6 +298,7 @@ def candidates_of(
             for size, odds in _scored(hypothesis, equation, joints):
                 corrected = functools.partial(hypothesis.undo, equation, joints, size)
                 odds -= hypothesis.against
+                words = undo.words_of(equation, size)
                 yield Candidate(hypothesis, joints, size, odds, corrected, words)
 
 

@@ -14,6 +14,7 @@ import numpy as np
 from identification.equation_error.law_gains import own_numbers, with_numbers
 from identification.equation_error.regressor import regressor_along
 from identification.equation_error.stated_equation import SETTINGS
+from identification.equation_error.stated_law import variants_of
 from plant.checkup import counts_in_time as counts_earlier
 from plant.checkup import exchanged_torques, turned_joint, zero_shifted
 from plant.motion import Motion
@@ -246,6 +247,45 @@ def other_gain(equation, joints):
 
     size, least = _likeliest(unlikely, SETTINGS.changed, SETTINGS.refined_change)
     yield size, -least - SETTINGS.drift
+
+
+def other_variants(equation, joints):
+    """The place of each variant of the law, and the evidence for it.
+
+    Friction that a law compensates is among the torques that it commands.
+    """
+    for place in range(len(_variants(equation))):
+        other = with_variant(equation, joints, place)
+        known = _unlikely_friction(equation) - _unlikely_friction(other)
+        yield place, known + other.evidence_at_best - equation.evidence
+
+
+def _unlikely_friction(equation):
+    return max((evidence for _, evidence in _less_friction(equation)), default=0.0)
+
+
+def with_variant(equation, joints, size):
+    """The variant of the law at that place, and its torque anew."""
+    return _anew(equation, record_with_variant(equation.record, joints, size))
+
+
+def record_with_variant(record, joints, size):
+    """A record whose law is the variant at that place."""
+    return replace(record, law=[*variants_of(record.law, record.n).values()][size])
+
+
+def _variants(equation):
+    """Texts of the variants of a law that was run along its log."""
+    return [*variants_of(equation.record.law, equation.dynamics.n)] if _runs_law(equation) else []
+
+
+def words_of(equation, size):
+    """Fields of a sentence: the main gain, and the variant at the place that is the size."""
+    main_gain = equation.main_gain
+    return {
+        "gain": "" if main_gain is None else main_gain.name,
+        "variant": dict(enumerate(_variants(equation))).get(size, ""),
+    }
 
 
 def cut_off(equation, joints, size):

@@ -1,6 +1,7 @@
 """Test of a stated law: its torque along a log, from the best state, against the logged torque."""
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -24,7 +25,6 @@ from identification.equation_error.torque_noise import (
     white_noise,
 )
 from plant import Record, Resumed
-from plant.laws import variants
 from plant.parts import Floats, dot, frozen_settings, least
 from plant.simulation import path_of, run_law, start_of
 
@@ -220,17 +220,20 @@ def likelier_variant(record: Record, apart: Floats) -> tuple[str, Floats] | None
     law = record.law
     if law is None or not apart.max() > SETTINGS.differs:
         return None
-    # A state belongs to the record; variants are those of the law inside.
-    inner = law.law if isinstance(law, Resumed) else law
     nearest = None
-    for text, variant in variants(inner).items():
-        stated = replace(law, law=variant) if isinstance(law, Resumed) else variant
-        # A variant with more memory has no state yet: its own start is fitted.
-        distance = torque_apart(replace(record, law=stated))
+    for text, variant in variants_of(law, record.n).items():
+        distance = torque_apart(replace(record, law=variant))
         limit = SETTINGS.nearer * apart.max() if nearest is None else nearest[1].max()
         if distance is not None and distance.max() < limit:
             nearest = text, distance
     return nearest
+
+
+def variants_of(law: Any, n: int) -> dict[str, Any]:
+    """Variants of the controller of a log of n joints, by their texts; in a state that is known."""
+    if not isinstance(law, Resumed):
+        return dict(law.variants())
+    return {text: law.around(variant, n) for text, variant in law.law.variants().items()}
 
 
 def begun(record: Record) -> Record:

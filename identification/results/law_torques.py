@@ -16,7 +16,7 @@ from identification.equation_error import SMALL, own_numbers, with_numbers
 from identification.replay import Optimum
 from identification.results.assumed import smoothed
 from plant import Record
-from plant.laws import AlongLog, commanded_torque, variants
+from plant.laws import AlongLog, commanded_torque
 from plant.parts import Floats
 from plant.simulation import run_law
 
@@ -115,17 +115,9 @@ def _changes(at: Optimum, others: _Others) -> dict[str, list[Floats]]:
 
 def _with_variants(law, n):
     """The variants of a law."""
-    for text, variant in variants(law.law).items():
-        yield f"variant.{text}", replace(law, law=variant, state=_begun_as(law, variant, n)), 1.0
-
-
-def _begun_as(law, variant, n):
-    """State (s,) of a variant: the law's memory, or the initial value where the law has none."""
-    # Variants share most of their memory: an integral, a filter, the last error.
-    begins = variant.fields.read(variant.initial_state(n), n)._asdict()
-    memory = law.law.fields.read(law.state, n)._asdict()
-    common = {name: memory.get(name, value) for name, value in begins.items()}
-    return variant.fields.write(n, **common)
+    for text, variant in law.law.variants().items():
+        # Variants share most of their memory: an integral, a filter, the last error.
+        yield f"variant.{text}", law.around(variant, n), 1.0
 
 
 def _with_gains(law, n):

@@ -12,6 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from plant.checkup.apparent_inertia import shows_soft_gears
 from plant.checkup.finding import Check, Finding, unless
 from plant.checkup.signals import Signals
 from plant.parts import Floats
@@ -202,8 +203,14 @@ def _oscillation(signals, i, share):
         ": it is unstable, or nearly, by gains too high for its friction, lag of the currents,"
         " elastic gears or backlash (or driven by ripple)"
     )
+    if not signals.rig.drive.elasticity and shows_soft_gears(signals, swings.frequency):
+        cause = (
+            ": there the motors move as if they had less inertia than their rotors, so the joints"
+            " are elastic, or one has backlash. Log with lower gains, which tells them apart: a"
+            " joint with backlash still swings where its load changes sign"
+        )
     # An oscillation that grows is wider after any event, so it shows no backlash.
-    if flares >= SETTINGS.flares and growth <= SETTINGS.grown:
+    elif flares >= SETTINGS.flares and growth <= SETTINGS.grown:
         cause = (
             f"; just after the load changes sign it is {flares:.2g} times as wide as before: a gear"
             " has backlash"

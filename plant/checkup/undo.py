@@ -22,12 +22,17 @@ def with_counts(record: Any, counts: Floats) -> Any:
     return replace(record, error_pulses=record.reference_pulses - counts)
 
 
-def with_reference(record: Any, pulses: Floats) -> Any:
-    """The record with another reference (N, n) [pulses]; its counts stay."""
-    # A stated `reference` would contradict the changed column.
+def with_reference(record: Any, pulses: Floats, path: Any = None) -> Any:
+    """The record with another reference (N, n) [pulses], of that path; its counts stay."""
+    # The stated `reference` would contradict the changed column.
     return replace(
-        record, reference=None, reference_pulses=pulses, error_pulses=pulses - record.counts
+        record, reference=path, reference_pulses=pulses, error_pulses=pulses - record.counts
     )
+
+
+def _path_moved(record, signs, offset):
+    """The path of a record in other coordinates; None where its reference has only pulses."""
+    return None if record.reference is None else record.reference.moved(signs, offset)
 
 
 def with_torques(record: Any, change: Callable[[Floats], Floats]) -> Any:
@@ -147,7 +152,8 @@ def turned_joint(record: Any, joints: Joints, size: float) -> Any:
     """Change the sign of counts, reference and torque alike."""
     pulses = _turned(record, record.reference_pulses, joints, _mapped(record, "reference_position"))
     counts = _turned(record, record.counts, joints, _mapped(record, "position"))
-    turned = with_counts(with_reference(record, pulses), counts)
+    path = _path_moved(record, _signs(record, joints), np.zeros(record.n))
+    turned = with_counts(with_reference(record, pulses, path), counts)
     logged = record.torque is not None or record.current is not None
     return turned_torque(turned, joints, size) if logged else turned
 
@@ -168,7 +174,9 @@ def zero_shifted(record: Any, angles: Floats) -> Any:
     """Subtract angles (n,) [rad] from the positions of counts and reference."""
     rig = record.rig
     pulses = np.round(rig.position_in_pulses(angles) - rig.position_in_pulses(0 * angles))
-    moved = with_reference(record, record.reference_pulses - pulses)
+    offset = rig.to_angle(0 * pulses) - rig.to_angle(pulses)
+    path = _path_moved(record, np.ones(record.n), offset)
+    moved = with_reference(record, record.reference_pulses - pulses, path)
     return with_counts(moved, record.counts - pulses)
 
 

@@ -4,7 +4,7 @@ Reading order: `law` (the contract) -> `terms` (rate, integral) -> `pid` -> `rep
 """
 
 from plant.laws.law import Block, Law, Setpoint, StatelessLaw, Step, block_of
-from plant.laws.pid import PD, Cascade, P, variants
+from plant.laws.pid import PD, Cascade, P
 from plant.laws.replayed import LoggedTorque, commanded_torque
 from plant.laws.resumed import FAST, AlongLog, Resumed
 from plant.laws.terms import (
@@ -39,5 +39,4 @@ __all__ = [
     "filtered_difference",
     "integrated",
     "readings",
-    "variants",
 ]

@@ -1,7 +1,6 @@
 """P, PD and PID control on the tracking error in pulses; the cascade of industrial drives."""
 
 import functools
-from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any, Self
 
@@ -128,13 +127,12 @@ class PD(Law):
     derivative: Vector = number(("n",))
     filter: float = number(())
     period: float | None = structure(default=None)
-    derivative_of: str = structure(default="error")
+    derivative_of: str = structure(choices=("error", "counts"), default="error")
 
     def __post_init__(self) -> None:
         super().__post_init__()
         signs(self, positive=("filter",), not_negative=("gain", "derivative"))
         optional_period(self)
-        choice("derivative_of", self.derivative_of, ("error", "counts"))
 
     fields = Fields(error=SMOOTHED)
 
@@ -200,14 +198,12 @@ class PID(PD):
     """
 
     integral: Vector = number(("n",))
-    integration: str = structure(default="backward")
-    anti_windup: str = structure(default="back-calculation")
+    integration: str = structure(choices=INTEGRATION, default="backward")
+    anti_windup: str = structure(choices=ANTI_WINDUP, default="back-calculation")
 
     def __post_init__(self) -> None:
         super().__post_init__()
         signs(self, positive=("gain",), not_negative=("integral",))
-        choice("integration", self.integration, INTEGRATION)
-        choice("anti_windup", self.anti_windup, ANTI_WINDUP)
 
     @functools.cached_property
     def fields(self) -> Fields:  # type: ignore[override]  # that of `PD` has nothing to choose
@@ -299,15 +295,13 @@ class Cascade(Law):
     filter: float = number((), default=None)
     difference: int = structure(default=0)
     period: float | None = structure(default=None)
-    integration: str = structure(default="backward")
-    anti_windup: str = structure(default="back-calculation")
+    integration: str = structure(choices=INTEGRATION, default="backward")
+    anti_windup: str = structure(choices=ANTI_WINDUP, default="back-calculation")
 
     def __post_init__(self) -> None:
         super().__post_init__()
         signs(self, positive=("speed",), not_negative=("position", "integral"))
         optional_period(self)
-        choice("integration", self.integration, INTEGRATION)
-        choice("anti_windup", self.anti_windup, ANTI_WINDUP)
         samples = whole("difference", self.difference, "Give 1 sample or more.", least=0)
         object.__setattr__(self, "difference", samples)
         # An industrial drive takes its speed from a filter, or from a difference over some samples:
@@ -419,20 +413,3 @@ def _of_joints(name: str, value: ArrayLike, n: int, *, finite: bool = True) -> F
     if len(numbers) not in (1, n):
         raise ValueError(f"{name} must be one number, or {n}; got {len(numbers)}. {advice}")
     return np.broadcast_to(numbers, n)
-
-
-def variants(law: Law) -> dict[str, Law]:
-    """Variants of a PID or Cascade that differ in one field, keyed by it; {} for another law."""
-    if not isinstance(law, (PID, Cascade)):
-        return {}
-    others: dict[str, Law] = {}
-    change: dict[str, Any]
-    for field, names in (("integration", INTEGRATION), ("anti_windup", ANTI_WINDUP)):
-        for name in names:
-            if name != getattr(law, field):
-                change = {field: name}
-                others[f"{field}={name!r}"] = replace(law, **change)
-    if isinstance(law, PID):
-        signal = "counts" if law.derivative_of == "error" else "error"
-        others[f"derivative_of={signal!r}"] = replace(law, derivative_of=signal)
-    return others

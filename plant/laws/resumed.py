@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 from collections.abc import Iterable, Iterator, Sequence
-from typing import Any
+from typing import Any, Self
 
 import casadi as ca
 import numpy as np
@@ -86,6 +86,13 @@ class Resumed(Law):
         """The same law from the same state, reading the counts of a log made with this rig."""
         return AlongLog(law=self.law, state=self.state, whole=not rig.encoder.smooth)
 
+    def around(self, law: Law, n: int) -> Self:
+        """Another law of n joints in this state, as far as its memory has the same names."""
+        memory = self.law.fields.read(self.state, n)
+        begins = law.fields.read(law.initial_state(n), n)
+        state = law.fields.write(n, **_remembered(begins, memory))
+        return dataclasses.replace(self, law=law, state=state)
+
     @functools.cached_property
     def fields(self) -> Fields:
         """The law's memory, and 1 until the first step is done.
@@ -116,6 +123,18 @@ class Resumed(Law):
         memory = now.law + now.begins * self.state
         commanded, memory = self.law.equations(rig, memory, setpoint, pulses, torque, dt)
         return commanded, self.fields.write(rig.n, law=memory, begins=0)
+
+
+def _remembered(begins: Any, memory: Any) -> dict[str, Any]:
+    """Values of a record by name: those of a memory where it has such a field."""
+    values = {}
+    for name, initial in begins._asdict().items():
+        value = getattr(memory, name, initial)
+        if isinstance(initial, tuple):  # a group of fields
+            values[name] = _remembered(initial, value)
+        else:
+            values[name] = value if np.shape(value) == np.shape(initial) else initial
+    return values
 
 
 @part

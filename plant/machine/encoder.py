@@ -128,7 +128,7 @@ class Encoder(Part):
 
     resolution: Vector = number(("n",), alike=True)
     smooth: bool = structure(bool, default=False)
-    rounding: str = structure(str, default="floor")
+    rounding: str = structure(choices=("floor", "fix", "round"), default="floor")
     phase: Phase | None = structure(Phase, default=None)
     side: str | tuple[str, ...] = structure(default="motor")
     quadrature: QuadratureError | None = structure(QuadratureError, default=None)
@@ -136,7 +136,6 @@ class Encoder(Part):
     def __post_init__(self) -> None:
         super().__post_init__()
         signs(self, positive=("resolution",), advice="Give pulses per motor turn.")
-        choice("rounding", self.rounding, ("floor", "fix", "round"))
         # Two encoders on some joints alone: the motor's is then always among them.
         if isinstance(self.side, (tuple, list)):
             sides = tuple(choice("side of a joint", x, ("motor", "both")) for x in self.side)

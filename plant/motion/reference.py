@@ -22,6 +22,7 @@ from plant.parts import (
     Floats,
     Nested,
     Part,
+    Vector,
     array,
     declared,
     known_options,
@@ -111,6 +112,10 @@ class Reference(Part, abc.ABC):
     def later(self, time: float) -> Later:
         """The same motion from `time` [s] on, q(t + time), as in a log that begins within it."""
         return Later(reference=self, time=time)
+
+    def moved(self, signs: ArrayLike, offset: ArrayLike) -> Moved:
+        """The same motion in other coordinates, signs q + offset: (n,) signs, (n,) [rad]."""
+        return Moved(reference=self, signs=signs, offset=offset)
 
     @known_options
     def torque_share(self, arm: Arm, rig: Rig) -> Floats:
@@ -300,3 +305,34 @@ class Later(Derived):
 
     def higher(self, t: Floats) -> tuple[Floats, Floats]:
         return self.reference.higher(t + self.time)
+
+
+@part
+class Moved(Derived):
+    """The motion of a reference in other coordinates: q(t) = signs reference.q(t) + offset."""
+
+    reference: Reference = structure(Reference)
+    signs: Vector = number(("n",))
+    offset: Vector = number(("n",))
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        self.require_joints(self.reference.n)
+
+    @property
+    def held(self) -> bool:  # type: ignore[override]  # as the other one
+        return self.reference.held
+
+    @property
+    def links(self) -> Reference:
+        """The links' motion, in the same coordinates."""
+        links = self.reference.links
+        return self if links is self.reference else links.moved(self.signs, self.offset)
+
+    def motion(self, t: Floats) -> tuple[Floats, Floats, Floats]:
+        q, qd, qdd = self.reference.motion(t)
+        return self.signs * q + self.offset, self.signs * qd, self.signs * qdd
+
+    def higher(self, t: Floats) -> tuple[Floats, Floats]:
+        jerk, snap = self.reference.higher(t)
+        return self.signs * jerk, self.signs * snap

@@ -16,7 +16,7 @@ from typing import Any, ClassVar, Self, TypeVar, dataclass_transform
 import casadi as ca
 import numpy as np
 
-from plant.parts.arguments import array, instance, known_options, real
+from plant.parts.arguments import array, choice, instance, known_options, real
 from plant.parts.fields import ArrayOrSymbols, Floats
 from plant.parts.frozen import Frozen
 from plant.parts.kinds import PARTS, kind_of
@@ -85,12 +85,13 @@ def structure(
     default: Any = dataclasses.MISSING,
     kw_only: bool = True,
     several: bool = False,
+    choices: tuple[Any, ...] = (),
 ) -> Any:
     """Declare a field that is structure: it decides the equations, so it cannot be unknown.
 
     With a `kind` (a type; float for one finite number) any other value is refused, but None
     passes if it is the default. A field of `several` parts holds a tuple, and the numbers of these
-    parts count too: ``springs[0].stiffness[1]``.
+    parts count too: ``springs[0].stiffness[1]``. A field with `choices` takes one of them.
 
     See Also
     --------
@@ -106,7 +107,7 @@ def structure(
     >>> Choice(measured=True)
     Choice(measured=True)
     """
-    metadata = {"structure": True, "kind": kind, "several": several}
+    metadata = {"structure": True, "kind": kind, "several": several, "choices": choices}
     return dataclasses.field(default=default, kw_only=kw_only, metadata=metadata)
 
 
@@ -251,6 +252,17 @@ class Part(Saved):
             object.__setattr__(copy, field.name, changes.get(field.name, getattr(self, field.name)))
         return copy
 
+    def variants(self) -> dict[str, Self]:
+        """Copies that differ in one switch or choice, by its text: ``integration='forward'``."""
+        others = {}
+        for field in dataclasses.fields(self):
+            switch = (False, True) if field.metadata.get("kind") is bool else ()
+            for value in field.metadata.get("choices") or switch:
+                if value != getattr(self, field.name):
+                    change = {field.name: value}
+                    others[f"{field.name}={value!r}"] = dataclasses.replace(self, **change)
+        return others
+
     # -- description ------------------------------------------------------------------------------
     def describe(self) -> dict[str, Any]:
         """Kind and fields as a dictionary that JSON stores without loss; `restore` reads it."""
@@ -350,6 +362,8 @@ def part(cls: type[T]) -> type[T]:
             kind = field.metadata.get("kind")
             value = getattr(self, field.name)
             name = f"{field.name} of {cls.__name__}"
+            if field.metadata.get("choices"):
+                choice(name, value, field.metadata["choices"])
             # None passes if it is the default: the field was left out.
             if kind is None or (value is None and field.default is None):
                 continue

@@ -105,14 +105,19 @@ class Given:
                 encoder=dataclasses.replace(record.rig.encoder, **(encoder or {})),
             )
             # which counts leave open
-            path = record.reference if isinstance(record.law, ComputedTorque) else None
+            path = record.reference if self.has_path else None
             self.records[i] = dataclasses.replace(record, rig=rig, reference=path)
 
     def each(self, **columns):
         """Columns of the log changed, by functions of the record."""
         for i, record in enumerate(self.records):
             new = {name: change(record) for name, change in columns.items()}
-            self.records[i] = dataclasses.replace(record, reference=None, **new)
+            self.records[i] = dataclasses.replace(record, **{"reference": None} | new)
+
+    @property
+    def has_path(self):
+        """Whether the law needs its path, which counts leave open."""
+        return isinstance(self.records[0].law, ComputedTorque)
 
 
 def _links(given, change):
@@ -132,12 +137,14 @@ def _longer(factor):
 
 def _turned(given):
     sign = np.array((1.0, -1.0))
+    path = {"reference": lambda record: record.reference.moved(sign, (0.0, 0.0))}
     given.each(
         **{
             name: lambda record, name=name: sign * getattr(record, name)
             for name in ("error_pulses", "reference_pulses", "torque")
             if given.records[0].torque is not None or name != "torque"
-        }
+        },
+        **path if given.has_path else {},
     )
 
 
@@ -269,7 +276,12 @@ def _zero_off(given):
     turn = np.zeros(rig.n)
     turn[given.random.integers(rig.n)] = given.random.choice((-1, 1)) * np.pi / 2
     turn = np.round(rig.position_in_pulses(turn))
-    given.each(reference_pulses=lambda r: r.reference_pulses + turn * r.reference_pulses.any())
+    offset = rig.to_angle(turn) - rig.to_angle(0 * turn)
+    path = {"reference": lambda record: record.reference.moved((1.0, 1.0), offset)}
+    given.each(
+        reference_pulses=lambda r: r.reference_pulses + turn * r.reference_pulses.any(),
+        **path if given.has_path else {},
+    )
     if not given.records[0].reference_pulses.any():
         given.each(error_pulses=lambda r: r.error_pulses - turn)
 
@@ -343,7 +355,7 @@ LABELS = {
     "sign of gravity": r"gravity acts the other way",
     "lengths": r"lengths are not the chain's|in metres",
     "cogging": r"motors cog",
-    "law": r"the rate of its error",
+    "law": r"the rate of its error|another variant",
     "taken back": r"look for another cause",
     "gain or friction": r"or gains of law or motor are not",
     "gain or gear": r"check gain, motor gain and gear|its gains and period, gears",

@@ -468,6 +468,16 @@ def test_gains_of_a_pid_that_are_not_stated_are_named_with_their_size():
     np.testing.assert_allclose(corrected.law.gain, right.law.gain, rtol=0.03)
 
 
+def test_a_computed_torque_that_lacks_the_friction_of_the_stated_one_is_named():
+    dynamics, right = ur5e_log(model_off(0.2))
+    assert restated(dynamics, right) == ()
+    wrong = stated(right, friction=False)
+    cause, *_ = restated(dynamics, wrong)
+    assert cause.name == "law variant"
+    assert "that with friction=True" in cause.sentence
+    assert mistakes_of(dynamics, wrong).corrected.law == right.law
+
+
 @pytest.mark.slow
 def test_the_bandwidth_of_a_computed_torque_and_a_zero_are_told_apart():
     """The law of a log with another zero is run anew: it knows gravity."""
@@ -522,6 +532,20 @@ def test_rows_undo_their_mistake_in_a_record(name, joints, size, spoil):
     for column in ("error_pulses", "reference_pulses", "torque"):
         np.testing.assert_array_equal(getattr(undone, column), getattr(right, column))
     np.testing.assert_allclose(undone.law.gain, right.law.gain, rtol=1e-15)
+
+
+def test_the_path_of_a_reference_is_corrected_with_its_counts():
+    """A law that reads the path between its counts needs it."""
+    arm, rig, path = puma560.literature_arm(1.5), puma560.rig(), puma560.reference()
+    right = simulate(arm, rig, PID_LAW, path, duration=0.3)
+    wrong = signed(right, "error_pulses", "reference_pulses", "torque")
+    wrong = dataclasses.replace(wrong, reference=path.moved((1.0, -1.0), (0.0, 0.0)))
+    rows = {row.name: row for row in HYPOTHESES}
+    undone = rows["joint sign"].of_record(wrong, (1,), 1.0)
+    np.testing.assert_allclose(undone.reference(right.t).q, path(right.t).q, atol=1e-15)
+    shifted = rows["joint zero"].of_record(right, (0,), 90.0)
+    pulses = rig.position_in_pulses(shifted.reference(right.t).q)
+    assert np.abs(pulses - shifted.reference_pulses).max() < 1
 
 
 def signed(record, *columns):

@@ -22,7 +22,8 @@ from plant import (
     simulate,
 )
 from plant.analysis import SampledLoops
-from plant.checkup import own_oscillations
+from plant.checkup import Signals, own_oscillations
+from plant.checkup.apparent_inertia import share_of_rotors
 
 ARM, RIG, PATH = puma560.literature_arm(1.5), puma560.rig(), puma560.reference()
 START = PATH([0.0]).q[0]
@@ -89,6 +90,30 @@ def test_a_loop_that_its_gears_make_unstable_swings_at_its_pole():
     for finding in found(simulate(ARM, gears, law, PATH, steps_per_sample=16)):
         assert finding.verdict == "look"
         assert finding.value == pytest.approx(hz, rel=0.1)
+        # The rig states them.
+        assert "backlash (or driven" in finding.advice
+
+
+@pytest.mark.parametrize(
+    ("bandwidth", "machine", "soft"),
+    [
+        (90.0, {"hertz": 40.0}, True),
+        (150.0, {"play": 0.006, "hertz": 300.0}, True),
+        (100.0, {"delay": 6.0}, False),
+    ],
+    ids=["elastic", "backlash", "late loop"],
+)
+def test_motors_with_less_than_the_inertia_of_their_rotors_have_soft_gears(
+    bandwidth, machine, soft
+):
+    """In MuJoCo; the counts alone are logged, and the torque is that of the law."""
+    law = ComputedTorque(ARM, RIG, bandwidth=bandwidth)
+    record = dataclasses.replace(run(ARM, RIG, law, PATH, **machine), torque=None, current=None)
+    swings = [finding for finding in found(record) if not finding.ok]
+    assert swings
+    for finding in swings:
+        assert (share_of_rotors(Signals(record), finding.value) < 0.9) == soft
+        assert ("the joints are elastic, or one has backlash" in finding.advice) == soft
 
 
 def log(seed):

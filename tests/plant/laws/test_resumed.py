@@ -117,3 +117,32 @@ def test_states_that_are_none_and_laws_that_are_no_controllers_are_refused():
         run_law(record)
     with pytest.raises(ValueError, match="begin and end must hold samples"):
         record.cut(5.0)
+
+
+@pytest.mark.parametrize(
+    ("name", "text"),
+    [("PID", "integration='forward'"), ("computed torque", "friction=False")],
+)
+def test_a_variant_goes_on_from_what_both_laws_remember(name, text):
+    """Each field of the same name and size keeps its numbers; any other one is as at a start."""
+    law = LAWS[name]
+    state = np.arange(1.0, 1.0 + len(law.initial_state(2)))
+    variant = law.variants()[text]
+    resumed = Resumed(law=law, state=state).around(variant, 2)
+    assert resumed.law == variant
+    before, after = (
+        flat(one.fields.read(s, 2)) for one, s in ((law, state), (variant, resumed.state))
+    )
+    begins = flat(variant.fields.read(variant.initial_state(2), 2))
+    assert set(before) & set(after)
+    for field, value in after.items():
+        np.testing.assert_array_equal(value, before.get(field, begins[field]))
+
+
+def flat(record, group=""):
+    """Fields of a record by name; those of a group stand behind its name."""
+    fields = {}
+    for name, value in record._asdict().items():
+        within = isinstance(value, tuple)
+        fields |= flat(value, f"{group}{name}.") if within else {f"{group}{name}": value}
+    return fields

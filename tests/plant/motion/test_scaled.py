@@ -166,3 +166,23 @@ def test_bad_input_is_refused_in_one_line(make, message):
     with pytest.raises(ValueError, match=message) as refusal:
         make()
     assert "\n" not in str(refusal.value)
+
+
+@pytest.mark.parametrize("path", PATHS, ids=lambda p: type(p).__name__)
+def test_other_coordinates_turn_and_shift_a_motion(path):
+    """The derivatives are those of its positions, by differences."""
+    signs, offset = np.array((1.0, -1.0)), np.array((0.0, np.pi / 2))
+    moved = path.moved(signs, offset)
+    t = np.linspace(0.01, path.duration - 0.01, 7)
+    np.testing.assert_array_equal(moved(t).q, signs * path(t).q + offset)
+    step = 1e-5
+    for order in (0, 1):
+        rate = (moved(t + step)[order] - moved(t - step)[order]) / (2 * step)
+        np.testing.assert_allclose(moved(t)[order + 1], rate, rtol=1e-5, atol=1e-5)
+    back = moved.moved(signs, -signs * offset)
+    np.testing.assert_allclose(back(t).q, path(t).q, atol=1e-15)
+
+
+def test_other_coordinates_have_the_joints_of_the_motion():
+    with pytest.raises(ValueError, match=r"signs must have 2 joints; got 3"):
+        WAVE.moved((1.0, 1.0, 1.0), (0.0, 0.0, 0.0))

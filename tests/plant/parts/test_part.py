@@ -1,6 +1,7 @@
 """Parts: numbers by name, round trips through numbers and through JSON, refusals."""
 
 import abc
+import ast
 import dataclasses
 import json
 import re
@@ -119,6 +120,7 @@ EXAMPLES = {
     ),
     "Harmonics": puma560.reference(),
     "Later": puma560.reference().later(1 / 3),
+    "Moved": puma560.reference().moved((1.0, -1.0), (0.1, 1 / 3)),
     "Held": Held(times=(0, 1), points=((0.0,), (0.5,))),
     "PointToPoint": PointToPoint(start=(0.0, 0.1), goal=(1.0, 2.0), duration=0.3),
     "Spline": Spline(times=(0, 1, 2), points=((0, 0), (1, 1 / 3), (2, 0))),
@@ -333,6 +335,7 @@ MISSPELT = {
     "Resumed": "stat",
     "AlongLog": "whol",
     "Later": "tim",
+    "Moved": "sign",
     "PD": "derivativ",
     "PID": "intergal",
     "Cascade": "sped",
@@ -452,3 +455,26 @@ def test_the_numbers_of_several_parts_in_one_field_count_by_their_place():
         == f"numbers_{len(rig.number_names()) - 1}"
     )
     assert rig.with_numbers(rig.number_values()) == rig == from_plain(rig.describe())
+
+
+@part
+class Switched(Part):
+    size: float = number(())
+    rule: str = structure(choices=("slow", "fast", "still"), default="fast")
+    measured: bool = structure(bool, default=False)
+    label: str = structure(str, default="a")
+
+
+def test_variants_differ_in_one_switch_or_choice():
+    one = Switched(size=2.0)
+    others = one.variants()
+    assert list(others) == ["rule='slow'", "rule='still'", "measured=True"]
+    for text, other in others.items():
+        name, value = text.split("=")
+        changed = {"rule": one.rule, "measured": one.measured} | {name: ast.literal_eval(value)}
+        assert other == Switched(size=2.0, **changed)
+
+
+def test_a_value_that_is_no_choice_is_refused():
+    with pytest.raises(ValueError, match=r"rule of Switched must be .*'slow'.*'fats'.*'fast'\?"):
+        Switched(size=1.0, rule="fats")
