@@ -355,7 +355,7 @@ LABELS = {
     "sign of gravity": r"gravity acts the other way",
     "lengths": r"lengths are not the chain's|in metres",
     "cogging": r"motors cog",
-    "law": r"the rate of its error|another variant",
+    "law": r"the rate of its error|another variant|gives another torque than",
     "taken back": r"look for another cause",
     "gain or friction": r"or gains of law or motor are not",
     "gain or gear": r"check gain, motor gain and gear|its gains and period, gears",
