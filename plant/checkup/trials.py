@@ -88,6 +88,12 @@ class Trials:
         # A mistake of some joints shows in these, and not in others alone.
         if joints and sum(_gains(experiment, changed(size), joints).values()) < 0:
             return []
+        # Where the arm is stated wrongly, the torque of a law that knows the arm is a little nearer
+        # to the logged one at another scale.
+        if hypothesis.check == "units of torque" and not _explains(
+            experiment, changed(size), joints
+        ):
+            return []
         delay = hypothesis.check == "delay"
         # A shift of less than a sample may come from hardware that reads its counter beside the
         # logged instant. It counts as a delay only if it passes the tests of `_passes_as_delay`.
@@ -149,24 +155,30 @@ def _passes_as_delay(before, after, joints):
     if before.torques_of_law is None and before.signals.torque is not None:
         gains = _gains(before, after, joints)
         return bool(gains.get("motion", 0.0) > _EXPLAINED * sum(gains.values()))
-    if before.command is None or after.command is None:
-        return True
     # Two other causes look like a small delay. Fast hardware may read its counter beside the logged
     # instant. A law that did not make the log may come a little nearer to it with late counts.
-    # Undoing a small delay hardly reduces the difference of torques in these two cases. A real
-    # delay of the log explains most of that difference.
+    return _explains(before, after, joints)
+
+
+def _explains(before, after, joints):
+    """Whether a change explains most of the difference between the law's torque and the logged one.
+
+    True where no law tells a torque.
+    """
+    if before.command is None or after.command is None:
+        return True
     chosen = columns_of(joints)
     return any(
-        undone[chosen].sum() < _EXPLAINED * delayed[chosen].sum()
-        for delayed, undone in (
+        changed[chosen].sum() < _EXPLAINED * stated[chosen].sum()
+        for stated, changed in (
             (before.command, after.command),
             (before.slow_command, after.slow_command),
         )
-        if delayed is not None
+        if stated is not None
     )
 
 
-# Undoing a delay must leave less than this share of the difference between the logged torque and
+# Undoing a mistake must leave less than this share of the difference between the logged torque and
 # the law's. If only the motion shows the delay, the motion must give more than this share of the
 # evidence.
 _EXPLAINED = 0.5

@@ -402,6 +402,7 @@ WORDS = {
     "glitches": r"Single counts are off",
     "lost turn": r"The counts jump by",
     "stamps": r"Stamps are late or early|[Ii]ntervals jitter|stamps jitter|At odd intervals|[Ss]tamps are late",
+    "play": r"(has|this) backlash",
     "little motion": r"^motion: |log a motion of all joints",
     "zero of a joint": r"zero of|zero is|offset by .*degrees",
     "gravity's direction": r"base is tilted|direction of gravity|tilted",

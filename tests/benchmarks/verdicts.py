@@ -171,7 +171,10 @@ def with_equals(text):
     return " ".join([text, *(EQUALS.get(name, "") for name in names)])
 
 
-EQUALS = {"exchanged references": "The references are exchanged."}
+EQUALS = {
+    "exchanged references": "The references are exchanged.",
+    "gravity direction": "gravity acts the other way",
+}
 """The words of a cause, by its name among those that a sentence cannot tell apart."""
 
 
