@@ -247,7 +247,8 @@ class Record(FromFiles, Frozen):
     def cut(self, begin: float, end: float = np.inf) -> Self:
         """The record from `begin` to before `end` [s], with its own time from 0.
 
-        Its reference continues from there.
+        Its reference continues from there, and steps of its transport's `lost` are counted from
+        there. Its jitter draws from its seed anew: a replay of the stretch has other instants.
 
         Raises
         ------
@@ -274,9 +275,16 @@ class Record(FromFiles, Frozen):
         }
         if reference is not None and offset:
             reference = reference.later(offset)
+        rig = self.rig
+        if rig.transport is not None:
+            period = (self.law and self.law.period_on(rig)) or rig.period
+            lost = [k - round(offset / period) for k in rig.transport.lost]
+            transport = dataclasses.replace(rig.transport, lost=[k for k in lost if k > 0])
+            rig = dataclasses.replace(rig, transport=transport)
         return dataclasses.replace(
             self,
             **cut,
+            rig=rig,
             t=self.t[stretch] - self.t[rows[0]],
             reference=reference,
             initial=None if offset else self.initial,
