@@ -294,11 +294,13 @@ class Record(FromFiles, Frozen):
     def resampled(self, period: float) -> Self:
         """The same experiment at uniform times.
 
-        Counts are interpolated linearly and rounded to whole pulses. The true motion is
-        interpolated likewise. Torques and currents are means over each new period, of a zero-order
-        hold, or of a line across a step above 1.5 median intervals. A new sample has the smaller
-        weight of its two neighbours, and no weight in a gap: a step above 1.5 median intervals in
-        which the motion may leave the straight line by a thousandth of its range.
+        Counts are interpolated linearly and rounded to whole pulses, unless the encoder is smooth;
+        goals of a held reference hold. Link counts and the true motion are interpolated, and stay
+        unrounded. Torques and currents are means over each new period. They are taken as held
+        between samples, but as linear across a step longer than 1.5 median intervals. A new sample
+        gets the smaller weight of its two neighbours; in a gap it gets 0. A gap is a step above 1.5
+        median intervals in which the motion may leave the straight line by a thousandth of its
+        range.
 
         Parameters
         ----------
