@@ -168,7 +168,8 @@ class MitDrive(InnerLoop, Law):
         q = np.zeros(rig.n) if pose is None else array("pose", pose, (rig.n,), advice="Give rad.")
         inertia = 1 / np.diag(np.linalg.inv(arm.D(q)))
         # Without gains it checks what was given, and has the ends of the fields.
-        soft = cls(kp=0.0, kd=0.0, limits=limits, bits=bits, **fields)
+        fields |= {"limits": limits, "bits": bits}
+        soft = cls(kp=0.0, kd=0.0, **fields)
         soft.require_joints(rig.n)
         end = soft.field_ends
         fastest = np.minimum(end.kd / (_DAMPING * inertia), np.sqrt(end.kp / inertia))
@@ -182,7 +183,7 @@ class MitDrive(InnerLoop, Law):
             steps = np.floor(gain / step + 1e-9)
             _require_kept(name, gain, step, steps)
             gains[name] = steps * step
-        return cls(**gains, limits=soft.limits, bits=soft.bits, **fields)
+        return cls(**gains, **fields)
 
     @property
     def field_ends(self) -> FrameFields:

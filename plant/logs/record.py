@@ -296,8 +296,8 @@ class Record(FromFiles, Frozen):
         rig = self.rig
         if rig.transport is not None:
             period = (self.law and self.law.period_on(rig)) or rig.period
-            lost = [k - round(offset / period) for k in rig.transport.lost]
-            transport = dataclasses.replace(rig.transport, lost=[k for k in lost if k > 0])
+            lost = (k - round(offset / period) for k in rig.transport.lost)
+            transport = dataclasses.replace(rig.transport, lost=tuple(k for k in lost if k > 0))
             rig = dataclasses.replace(rig, transport=transport)
         return dataclasses.replace(
             self,
