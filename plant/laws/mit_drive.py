@@ -43,14 +43,15 @@ class FrameFields(NamedTuple):
 class MitDrive(InnerLoop, Law):
     """The PD loop of a drive: torque = kp (q_d - q) + kd (qd_d - qd) + tau, joint side.
 
-    As the ``law`` of a log, the reference are the frames' q and qd, and their tau is the record's
+    As the ``law`` of a log, its reference is q and qd of the frames; their tau is the record's
     `injected`. As the ``inner`` loop of a `Rig`, a law above it sends the frames: `Running.frame`.
-    What the field of the position rounds, the field of the torque makes up for.
+    The torque field compensates for what rounding takes from position and speed.
 
     Parameters
     ----------
     kp, kd : (n,) array_like or float
-        Gains of the frames [N m/rad], [N m s/rad], joint side.
+        Gains of the frames [N m/rad], [N m s/rad], joint side. The drive has them rounded to a
+        step of their fields (`whole_gains`); a simulation has them as they are.
     limits : tuple of five, optional
         Largest value of each field (q, qd, kp, kd, tau), SI, joint side: numbers, or one per joint.
         q, qd and tau are signed; kp and kd begin at 0.
@@ -61,12 +62,14 @@ class MitDrive(InnerLoop, Law):
     filter : float, optional
         Pole of the low-pass by which the drive takes its speed from its counts [rad/s].
     period : float, optional
-        Of the drive's loop [s]. A sample of the rig has a whole number of the nearest such periods.
+        Period of the drive's loop [s]; the nearest value of which a whole number fits into one
+        sample of the rig is used.
 
     Raises
     ------
     ValueError
-        Gains below zero, or beyond their fields, with what would fit.
+        Gains below zero, beyond their fields, with what would fit, or lost in them: not 0, but 0 in
+        the frame.
 
     See Also
     --------
@@ -99,21 +102,31 @@ class MitDrive(InnerLoop, Law):
 
     def _require_fields(self) -> None:
         """Refuse gains beyond the ends of their fields, and limits for other joints."""
-        for name in ("kp", "kd"):
-            value = np.atleast_1d(getattr(self, name))
-            end = np.atleast_1d(getattr(self.field_ends, name))
-            if len(end) > 1 and len(value) > 1 and len(end) != len(value):
-                raise ValueError(
-                    f"limits of {name} must have {len(value)} joints like {name}; got {len(end)}."
-                    " Give one number per joint, or one for all."
-                )
-            value, end = np.broadcast_arrays(value, end)
+        joints = [np.size(value) for value in (self.kp, self.kd, *self.limits) if np.ndim(value)]
+        if joints:
+            self.require_joints(joints[0])
+        for name, bits in (("kp", self.bits[2]), ("kd", self.bits[3])):
+            end = getattr(self.field_ends, name)
+            step = _step(end, bits, signed=False)
+            value, end = np.broadcast_arrays(np.atleast_1d(getattr(self, name)), end)
             beyond = np.flatnonzero(value > end)
             if len(beyond):
                 i = beyond[0]
                 raise ValueError(
-                    f"{name} must fit its field, which ends at {end[i]:g}; got {value[i]:g} at"
-                    f" joint {i}. Take {end[i]:g} or less, or what MitDrive.for_arm finds."
+                    f"{name} must fit its field, which ends at {float(end[i])}; got"
+                    f" {float(value[i])} at joint {i}. Take {float(end[i])} or less, or what"
+                    " MitDrive.for_arm finds."
+                )
+            _require_kept(name, value, step, np.rint(value / step))
+
+    def require_joints(self, n: int, prefix: str = "") -> None:
+        """As of `Part`; the limits that are given joint by joint count as well."""
+        super().require_joints(n, prefix)
+        for name, end in self.field_ends._asdict().items():
+            if end.ndim and len(end) != n:
+                raise ValueError(
+                    f"{prefix}limits of {name} must have {n} joints; got {len(end)}. Give one per"
+                    " joint, or one for all."
                 )
 
     @classmethod
@@ -138,7 +151,7 @@ class MitDrive(InnerLoop, Law):
         ----------
         arm, rig
         stiffness : float
-            w [rad/s]; of a joint whose fields end before, less.
+            w [rad/s]; lowered for a joint whose kp or kd would exceed its field.
         pose : (n,) array_like, optional
             Working position [rad]; zeros by default.
         limits, bits, **fields
@@ -147,23 +160,30 @@ class MitDrive(InnerLoop, Law):
         Raises
         ------
         ValueError
-            A stiffness that is not above zero.
+            A stiffness that is not above zero, or that gives less than a step of a field.
         """
         instance("arm", arm, Arm, "The order is arm, rig.")
         instance("rig", rig, Rig, "The order is arm, rig.")
         w = real("stiffness", stiffness, "Give rad/s, such as 40.", positive=True)
         q = np.zeros(rig.n) if pose is None else array("pose", pose, (rig.n,), advice="Give rad.")
         inertia = 1 / np.diag(np.linalg.inv(arm.D(q)))
-        end = FrameFields(*_five("limits", limits, _limit))
+        # Without gains it checks what was given, and has the ends of the fields.
+        fields |= {"limits": limits, "bits": bits}
+        soft = cls(kp=0.0, kd=0.0, **fields)
+        soft.require_joints(rig.n)
+        end = soft.field_ends
         fastest = np.minimum(end.kd / (_DAMPING * inertia), np.sqrt(end.kp / inertia))
         w = np.minimum(w, fastest)
-        # Down to a whole step of each field, so that the frame has these gains exactly.
-        steps = (_step(end.kp, bits[2], signed=False), _step(end.kd, bits[3], signed=False))
-        kp, kd = (
-            np.floor(gain / step + 1e-9) * step
-            for gain, step in zip((w * w * inertia, _DAMPING * w * inertia), steps, strict=True)
-        )
-        return cls(kp=kp, kd=kd, limits=tuple(limits), bits=tuple(bits), **fields)
+        gains = {}
+        for name, gain, step in (
+            ("kp", w * w * inertia, _step(end.kp, soft.bits[2], signed=False)),
+            ("kd", _DAMPING * w * inertia, _step(end.kd, soft.bits[3], signed=False)),
+        ):
+            # Down to a whole step of each field, so that the frame has these gains exactly.
+            steps = np.floor(gain / step + 1e-9)
+            _require_kept(name, gain, step, steps)
+            gains[name] = steps * step
+        return cls(**gains, **fields)
 
     @property
     def field_ends(self) -> FrameFields:
@@ -257,9 +277,23 @@ def _step(end: Floats, bits: int, *, signed: bool = True) -> Floats:
     return (2 if signed else 1) * np.asarray(end) / (2**bits - 1)
 
 
+def _require_kept(name: str, gain: Floats, step: Floats, steps: Floats) -> None:
+    """Refuse a gain (n,) above zero of which its field would have so many `steps`: none."""
+    lost = np.flatnonzero((gain > 0) & (steps == 0))
+    if len(lost):
+        i = lost[0]
+        step = np.broadcast_to(step, gain.shape)
+        raise ValueError(
+            f"{name} must not be lost in its field, whose step is {step[i]:.4g}; got {gain[i]:.4g}"
+            f" at joint {i}, which is 0 there. Take a higher gain or stiffness, or a lower limit."
+        )
+
+
 def _five(name: str, values: Any, one: Callable[[str, Any], Any]) -> tuple[Any, ...]:
     """The five values, each taken by `one`."""
-    if isinstance(values, str) or not isinstance(values, (tuple, list)) or len(values) != 5:
+    if isinstance(values, np.ndarray):
+        values = values.tolist()
+    if not isinstance(values, (tuple, list)) or len(values) != 5:
         raise ValueError(
             f"{name} must be five, of (q, qd, kp, kd, tau); got {values!r:.60}. Take those of the"
             " drive's manual."
@@ -273,6 +307,8 @@ def _five(name: str, values: Any, one: Callable[[str, Any], Any]) -> tuple[Any, 
 def _limit(name: str, value: Any) -> Any:
     """A limit above zero, as a number, or as a tuple of one per joint."""
     limit = array(name, value, np.shape(value)[:1], advice="Give one number, or one per joint.")
+    if not limit.size:
+        raise ValueError(f"{name} must not be empty; got {value}. Take that of the drive's manual.")
     if not (limit > 0).all():
         raise ValueError(f"{name} must be positive; got {value}. Take that of the drive's manual.")
     return tuple(limit.tolist()) if limit.ndim else float(limit)

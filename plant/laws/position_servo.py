@@ -48,7 +48,8 @@ class PositionServo(InnerLoop, Law):
         replaced by the nearest of them: the servo would take it modulo a turn, and move the other
         way round.
     period : float, optional
-        Of the servo's loop [s]. A sample of the rig has a whole number of the nearest such periods.
+        Period of the servo's loop [s]; the nearest value of which a whole number fits into one
+        sample of the rig is used.
 
     Raises
     ------

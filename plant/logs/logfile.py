@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from plant.logs.formats.columns import Block, oriented, picked
 from plant.logs.isolation import LIMITS, read_isolated, read_npz
 from plant.logs.text_table import read_text
-from plant.parts import known_options, near, require_bounded, whole
+from plant.parts import instance, known_options, near, path_of, require_bounded, whole
 
 _SUFFIXES = {
     ".csv": "csv",
@@ -69,13 +69,17 @@ class LogTable(dict[str, NDArray[Any]]):
         """Names of the columns of a block (N, k)."""
         # Labels of a block are used only if there is one for every column.
         width = self[name].shape[1]
-        labels = [label for label in self.available if label.startswith((f"{name}.", f"{name}["))]
+        marks = f"{name}.", f"{name}["
+        # A column of the table's own is beside the block, not in it.
+        labels = [
+            label for label in self.available if label.startswith(marks) and label not in self
+        ]
         return labels if len(labels) == width else [f"{name}[{i}]" for i in range(width)]
 
     def text(self) -> tuple[str, ...]:
         """Names in the file that are neither a column of numbers nor an element of one."""
         # An element stands for its block, which is a column of numbers.
-        blocks = tuple(f"{name}{mark}" for name in self for mark in ".[")
+        blocks = tuple(f"{name}{mark}" for name in self if self[name].ndim == 2 for mark in ".[")
         names = (name for name in self.available if name not in self)
         return tuple(name for name in names if not name.startswith(blocks))
 
@@ -109,11 +113,11 @@ def load_errors(path: str | Path) -> Iterator[None]:
     except FileNotFoundError:
         raise LoadError(f"{path} must be a file; there is none. Check the path.") from None
     except ValueError as error:
-        raise LoadError(_line(f"{path} {error}")) from None
+        raise LoadError(f"{path} {_line(str(error))}") from None
     except Exception as error:
-        message = f"{type(error).__name__}: {error}"
+        message = _line(f"{type(error).__name__}: {error}"[:200])
         raise LoadError(
-            _line(f"{path} must be a sound file; reading it gave {message:.200}. Write it again.")
+            f"{path} must be a sound file; reading it gave {message}. Write it again."
         ) from None
 
 
@@ -143,19 +147,18 @@ def read_table(
     ----------
     path : str or Path
     names : sequence of str, optional
-        Columns to read; by default all, which then must all be real numbers. Of messages, all that
-        are.
+        Columns to read. By default all columns, each of which must hold real numbers; in files of
+        messages, only the numeric ones.
     prefix : str
-        What the names in the file begin with, as in ``run_07/``; it is left out of those of the
-        table.
+        Common beginning of the names in the file, such as ``run_07/``; the table's names omit it.
     episode : int, optional
         Of a LeRobot data set; by default 0.
 
     Returns
     -------
     dict of str to numpy.ndarray
-        Columns (N,) or blocks of columns (N, n); floats, or integers as they were. A missing cell
-        is NaN. A topic has as many rows as messages.
+        Columns (N,) or blocks of columns (N, n); floats, or integers as they were, but those of
+        text are floats. A missing cell is NaN. A topic has as many rows as messages.
 
     Raises
     ------
@@ -163,6 +166,8 @@ def read_table(
         A file that is missing, corrupt, or larger than 256 MiB once expanded; a column that is not
         there, or that holds anything but real numbers. Its reader has 4.5 s; messages and CSV have
         60 s.
+    ValueError
+        Names that are no list of names; a path or a prefix that is none.
 
     See Also
     --------
@@ -176,6 +181,17 @@ def read_table(
     >>> read_table("log.csv")
     {'t': array([0.   , 0.001]), 'q1': array([0.1, 0.2])}
     """
+    # A wrong call is no fault of the file. A text would be spelt out letter by letter.
+    path_of("path", path)
+    instance("prefix", prefix, str, "Give what the names begin with, such as 'run_07/'.")
+    if names is not None:
+        listed = () if isinstance(names, str) or not isinstance(names, Iterable) else tuple(names)
+        if not listed or not all(isinstance(name, str) for name in listed):
+            raise ValueError(
+                f"names must be a list of names; got {names!r:.60}. Give one name or more, or leave"
+                " it out for all."
+            )
+        names = listed
     with load_errors(path):
         kind = kind_of(path)
         return read_file(kind, path, names, prefix, **options_of(kind, episode))
@@ -242,8 +258,9 @@ def read_file(
             require_bounded(path, LIMITS.messages if kind in _OF_MESSAGES else LIMITS.columns)
         wanted = None if names is None else [f"{prefix}{name}" for name in names]
         # The clock names a column, so it takes the prefix as well.
+        of_reader = dict(options)
         if options.get("clock") is not None:
-            options["clock"] = f"{prefix}{options['clock']}"
+            of_reader["clock"] = f"{prefix}{options['clock']}"
         units: dict[str, str] = {}
         if kind == "csv":
             available, columns, units = read_text(path, wanted, prefix, numbers_only)
@@ -251,11 +268,11 @@ def read_file(
             # Third-party libraries read in a child process; numpy archives are safe to read here.
             request = os.fspath(path), wanted, prefix, LIMITS.columns
             # Readers of messages and data sets give numbers alone.
-            options |= {"numbers_only": True} if numbers_only and kind in _OF_ANYTHING else {}
+            of_reader |= {"numbers_only": True} if numbers_only and kind in _OF_ANYTHING else {}
             available, columns = (
-                read_npz(*request, **options)
+                read_npz(*request, **of_reader)
                 if kind == "npz"
-                else read_isolated(kind, *request, **options)
+                else read_isolated(kind, *request, **of_reader)
             )
             if kind in _OF_ARRAYS:
                 blocks = {name: Block(array) for name, array in oriented(columns).items()}
@@ -267,7 +284,7 @@ def read_file(
         require_columns(wanted or (), columns, available)
         if numbers_only and not columns:
             # The refusal of what there is says more than that there are no numbers.
-            return read_file(kind, path, names, prefix, **options | {"numbers_only": False})
+            return read_file(kind, path, names, prefix, **options)
         if not columns:
             raise ValueError(
                 f"must hold columns whose names begin with {prefix!r}; got {available[:5]}. Check"
@@ -304,7 +321,9 @@ def _numbers(name: str, column: NDArray[Any]) -> NDArray[Any]:
     """A column as float64 or int64 of this machine, one-dimensional or (N, n)."""
     # MATLAB and HDF5 store a single sample as a scalar.
     column = np.atleast_1d(column)
-    if column.ndim > 2 or column.size == 0:
+    if column.size == 0:
+        raise ValueError(f"must hold samples; {name!r} has no samples. Leave it out.")
+    if column.ndim > 2:
         raise ValueError(
             f"must hold columns (N,) or (N, n); got shape {column.shape} in {name!r}. Leave it out."
         )

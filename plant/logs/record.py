@@ -37,8 +37,8 @@ class Record(FromFiles, Frozen):
     error_pulses : (N, n) array_like
         Commanded minus counted [pulses], on the motor's shaft, with its sign.
     reference_pulses : (N, n) array_like, optional
-        Commanded counts. Left out where nothing was commanded: all 0, so that the errors are minus
-        the counts.
+        Commanded counts. By default 0, for logs without commands; the errors are then minus the
+        counts.
     rig : Rig
     law : Law, optional
         What controlled the arm.
@@ -113,25 +113,8 @@ class Record(FromFiles, Frozen):
     notes: Mapping[str, Any] | None = dataclasses.field(default=None, compare=False)
 
     def __post_init__(self) -> None:
-        # 1. Parts: a wrong type would fail much later, without the name of the argument.
-        for name, kind in (
-            ("rig", Rig),
-            ("law", (Law, type(None))),
-            ("reference", (Reference, type(None))),
-        ):
-            if not isinstance(getattr(self, name), kind):
-                raise ValueError(
-                    f"{name} of a record must be a {name.capitalize()}; got"
-                    f" {getattr(self, name)!r:.60}."
-                )
-        # An inner loop is the law of a log or lies below one, never both.
-        if isinstance(self.law, InnerLoop):
-            object.__setattr__(self, "law", self.law.for_joints(self.rig.n))
-            if self.rig.inner == self.law:
-                object.__setattr__(self, "rig", dataclasses.replace(self.rig, inner=None))
-        instance("name", self.name, str, "Give a word, such as the file's name.")
-        if self.columns is not None:
-            instance("columns", self.columns, dict, "Give the mapping of from_table.")
+        # 1. Parts.
+        self._keep_parts()
         object.__setattr__(self, "notes", _noted(self.notes))
         # 2. Times, which must increase before anything is divided by their steps.
         t = array("t", self.t, ("N",), advice="Give the time of each sample [s].", shared=True)
@@ -192,6 +175,40 @@ class Record(FromFiles, Frozen):
         if self.law is not None:
             self.law.replayed(self)
 
+    def _keep_parts(self) -> None:
+        """Refuse parts of the wrong type, which would fail much later, or for other joints."""
+        for name, kind in (
+            ("rig", Rig),
+            ("law", (Law, type(None))),
+            ("reference", (Reference, type(None))),
+        ):
+            if not isinstance(getattr(self, name), kind):
+                raise ValueError(
+                    f"{name} of a record must be a {name.capitalize()}; got"
+                    f" {getattr(self, name)!r:.60}."
+                )
+        n = self.rig.n
+        if self.reference is not None and self.reference.n != n:
+            raise ValueError(
+                f"reference must have {n} joints like the rig; got {self.reference.n}. Use a"
+                " matching one."
+            )
+        if self.law is not None:
+            self.law.require_joints(n, "law.")
+        # An inner loop is the law of a log or lies below one, never both.
+        if isinstance(self.law, InnerLoop):
+            object.__setattr__(self, "law", self.law.for_joints(n))
+            if self.rig.inner not in (None, self.law):
+                raise ValueError(
+                    "law of a record and inner loop of its rig must be one; got two that differ."
+                    " Leave inner out of the rig."
+                )
+            if self.rig.inner is not None:
+                object.__setattr__(self, "rig", dataclasses.replace(self.rig, inner=None))
+        instance("name", self.name, str, "Give a word, such as the file's name.")
+        if self.columns is not None:
+            object.__setattr__(self, "columns", _mapped(self.columns))
+
     @property
     def n(self) -> int:
         """Number of joints."""
@@ -247,7 +264,8 @@ class Record(FromFiles, Frozen):
     def cut(self, begin: float, end: float = np.inf) -> Self:
         """The record from `begin` to before `end` [s], with its own time from 0.
 
-        Its reference continues from there.
+        Its reference continues from there, and steps of its transport's `lost` are counted from
+        there. Its jitter draws from its seed anew: a replay of the stretch has other instants.
 
         Raises
         ------
@@ -255,7 +273,8 @@ class Record(FromFiles, Frozen):
             A stretch without samples.
         """
         begin = real("begin", begin, "Give seconds of the record's t.")
-        end = float(end)
+        if not (isinstance(end, float) and np.isinf(end)):
+            end = real("end", end, "Give seconds of the record's t.")
         rows = np.flatnonzero((self.t >= begin) & (self.t < end))
         if not len(rows):
             extent = f"The record has {self.t[0]:g} to {self.t[-1]:g} s."
@@ -274,9 +293,16 @@ class Record(FromFiles, Frozen):
         }
         if reference is not None and offset:
             reference = reference.later(offset)
+        rig = self.rig
+        if rig.transport is not None:
+            period = (self.law and self.law.period_on(rig)) or rig.period
+            lost = (k - round(offset / period) for k in rig.transport.lost)
+            transport = dataclasses.replace(rig.transport, lost=tuple(k for k in lost if k > 0))
+            rig = dataclasses.replace(rig, transport=transport)
         return dataclasses.replace(
             self,
             **cut,
+            rig=rig,
             t=self.t[stretch] - self.t[rows[0]],
             reference=reference,
             initial=None if offset else self.initial,
@@ -286,11 +312,13 @@ class Record(FromFiles, Frozen):
     def resampled(self, period: float) -> Self:
         """The same experiment at uniform times.
 
-        Counts are interpolated linearly and rounded to whole pulses. The true motion is
-        interpolated likewise. Torques and currents are means over each new period, of a zero-order
-        hold, or of a line across a step above 1.5 median intervals. A new sample has the smaller
-        weight of its two neighbours, and no weight in a gap: a step above 1.5 median intervals in
-        which the motion may leave the straight line by a thousandth of its range.
+        Counts are interpolated linearly and rounded to whole pulses, unless the encoder is smooth;
+        goals of a held reference hold. Link counts and the true motion are interpolated, and stay
+        unrounded. Torques and currents are means over each new period. They are taken as held
+        between samples, but as linear across a step longer than 1.5 median intervals. A new sample
+        gets the smaller weight of its two neighbours; in a gap it gets 0. A gap is a step above 1.5
+        median intervals in which the motion may leave the straight line by a thousandth of its
+        range.
 
         Parameters
         ----------
@@ -311,13 +339,14 @@ class Record(FromFiles, Frozen):
 def _require_sensors(rig: Rig, counts: Floats) -> None:
     """Refuse columns of link encoders that hold gaps, none at all, or others than the rig has."""
     # NaN is how a column says that there is no sensor.
-    numbers = np.isfinite(counts)
+    numbers = ~np.isnan(counts)
     stated = rig.encoder.side
     has_sensor = np.asarray(numbers.any(axis=0))
     # A joint has its sensor in all samples or in none.
     advice = "A joint without a second encoder is NaN throughout."
-    if (numbers != has_sensor).any():
-        index = tuple(np.argwhere(numbers != has_sensor)[0].tolist())
+    bad = np.isinf(counts) | (numbers != has_sensor)
+    if bad.any():
+        index = tuple(np.argwhere(bad)[0].tolist())
         raise ValueError(
             f"link_counts must be finite; got {counts[index]} at index {index}. {advice}"
         )
@@ -336,12 +365,29 @@ def _require_sensors(rig: Rig, counts: Floats) -> None:
         )
 
 
+def _mapped(columns: Any) -> dict[str, Any]:
+    """Name of a column, or a tuple of one per joint, by field; anything else is refused."""
+    advice = "Give the mapping of from_table."
+    mapped = {}
+    for field, names in instance("columns", columns, dict, advice).items():
+        listed = (names,) if isinstance(names, str) else names
+        sound = isinstance(listed, (tuple, list)) and all(
+            name is None or isinstance(name, str) for name in listed
+        )
+        if not sound:
+            raise ValueError(
+                f"columns must map fields to names; got {names!r:.60} for {field!r:.40}. {advice}"
+            )
+        mapped[field] = names if isinstance(names, str) else tuple(names)
+    return mapped
+
+
 def _noted(notes: Any) -> dict[str, str | float]:
     """Text, or finite numbers, by name; anything else is refused."""
     advice = 'Give such as {"robot": "cell_7", "time": "2026-05-12", "temperature": 24.5}.'
     entries = {} if notes is None else instance("notes", notes, dict, advice)
     for name, value in entries.items():
-        if not isinstance(name, str) or not name or value == "":
+        if not isinstance(name, str) or not name or (isinstance(value, str) and not value):
             raise ValueError(
                 f"notes must be text or numbers by name; got {name!r:.40}: {value!r:.40}. {advice}"
             )

@@ -23,6 +23,7 @@ SOURCES = {
     "error": ("error_pulses", "position", "motor_position", "counts"),
     "reference": ("reference_pulses", "reference_position", "reference_motor_position"),
     "torque": ("current",),
+    "link_counts": ("link_position",),
 }
 
 
@@ -350,6 +351,7 @@ class FromFiles:
             "reference": reference,
             "initial": initial,
             "name": name,
+            "columns": columns,
         }
         # Fields of the table take precedence: a path in it becomes the reference.
         fields = record_fields(
@@ -362,10 +364,6 @@ class FromFiles:
             held=held,
             torque_delay=torque_delay,
         )
-        # Lists become tuples: records hash their mapping, and a list has no hash.
-        arguments["columns"] = {
-            key: value if isinstance(value, str) else tuple(value) for key, value in columns.items()
-        }
         record = cls(
             **arguments | {key: value for key, value in fields.items() if value is not None}
         )

@@ -73,12 +73,20 @@ def resampled_fields(record: Any, period: float) -> dict[str, Any]:
     weight[inside] = np.minimum(record.valid[earlier], record.valid[later])[inside]
     # 3. Signals. Reference and counts are rounded separately, so that the error is a whole number
     # of pulses, as in a controller.
-    reference = np.round(between(record.reference_pulses))
+    rounded = np.asarray if record.rig.encoder.smooth else np.round
+    commanded = between(record.reference_pulses)
+    if record.reference is not None and record.reference.held:
+        # The goal of the row before, and whatever was sent since.
+        sent, before = (
+            record.rig.counts(record.reference(at - t[0]).q) for at in (times, t[earlier])
+        )
+        commanded = record.reference_pulses[earlier] + sent - before
+    reference = rounded(commanded)
     fields = {f.name: getattr(record, f.name) for f in dataclasses.fields(record)}
     fields |= {"t": times, "valid": weight, "rig": dataclasses.replace(record.rig, period=period)}
     fields |= {
         "reference_pulses": reference,
-        "error_pulses": reference - np.round(between(record.counts)),
+        "error_pulses": reference - rounded(between(record.counts)),
     }
     fields |= {
         n: between(fields[n]) for n in ("link_counts", "true_q", "true_qd") if fields[n] is not None

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple, Self
 import casadi as ca
 import numpy as np
 
-from plant.parts import Part, declared
+from plant.parts import Part, declared, real
 
 
 class Frame(NamedTuple):
@@ -37,6 +37,10 @@ class InnerLoop(Part, abc.ABC):
     period: float = declared("Period of the loop [s].")
     fields: Any = declared("Names of its state (`plant.parts.vector.Fields`).")
     sends: str = declared("What a controller sends it: the attribute of `Running`.")
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        real("period", self.period, "Give seconds, such as 1e-3.", positive=True)
 
     @abc.abstractmethod
     def stiffness_of(self, rig: Any) -> Any:

@@ -255,8 +255,9 @@ class Rig(Part):
 
     def _require_inner(self, inner: InnerLoop) -> None:
         """Refuse an inner loop for other joints, or one that is slower than the rig's samples."""
-        inner = inner.for_joints(self.n)
+        # Before one number for all joints takes the blame for another one's length.
         inner.require_joints(self.n, "inner.")
+        inner = inner.for_joints(self.n)
         object.__setattr__(self, "inner", inner)
         # A slower loop would still hold one goal when the next arrives. The factor tolerates the
         # rounding of a period that was computed by division.

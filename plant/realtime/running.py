@@ -51,8 +51,9 @@ class Running:
         the counts. Any other rig raises a ValueError.
     frame : (5, n) numpy.ndarray
         MIT frames (q, qd, kp, kd, tau) of the last call, to be sent to the drives of a rig with a
-        `MitDrive` inside. Each value is rounded to the resolution of its field in the frame. Any
-        other rig raises a ValueError.
+        `MitDrive` inside. q, qd and tau are at steps of their fields; kp and kd are those of the
+        `MitDrive`, which the frame has at the nearest step (`MitDrive.whole_gains`). Any other rig
+        raises a ValueError.
     friction : (2, n) numpy.ndarray
         Coulomb [N m] and viscous [N m s/rad] friction, motor side, that a learning law has learnt
         so far. Save it, and give it to the law at the next start. Any other law raises a

@@ -176,6 +176,21 @@ def test_for_arm_follows_the_rule_within_the_fields():
     np.testing.assert_allclose(hard.kp, w**2 * inertia, rtol=2e-3)
 
 
+def for_arm(**options):
+    options = {"limits": (12.5, 30, 5000, 500, 300)} | options
+    return MitDrive.for_arm(ARM, rig(), **options)
+
+
+def test_limits_and_bits_may_be_arrays():
+    limits, bits = (12.5, 30.0, 500.0, 5.0, 10.0), (16, 12, 12, 12, 12)
+    made = drive(limits=np.array(limits), bits=np.array(bits))
+    assert made == drive(limits=limits, bits=bits)
+    by_joint = np.array(limits)[:, None] * (1, 2)
+    assert drive(limits=by_joint).limits[0] == (12.5, 25.0)
+    given = for_arm(stiffness=20, bits=np.array(bits))
+    assert given == for_arm(stiffness=20)
+
+
 @settings(max_examples=25, deadline=None)
 @given(
     q=st.floats(-3, 3), qd=st.floats(-5, 5), torque=st.floats(-5, 5), count=st.integers(-999, 999)
@@ -245,6 +260,30 @@ def test_servo_holds_where_the_law_lets_go():
         (lambda: drive(limits=(12.5, 30, 500, 1, 10)), "kd must fit its field, which ends at 1"),
         (lambda: drive(limits=(12.5, 30)), "limits must be five"),
         (lambda: drive(bits=(16, 12, 12, 12, 1)), "bits of tau"),
+        (lambda: MitDrive(kp=500.0001, kd=1), r"ends at 500\.0; got 500\.0001 at joint 0"),
+        (lambda: MitDrive(kp=0.05, kd=1), r"kp .* step is 0\.1221; got 0\.05 at joint 0"),
+        (lambda: MitDrive(kp=(40, 20), kd=(1, 5e-4)), r"kd .* step is 0\.001221; .* at joint 1"),
+        (lambda: for_arm(stiffness=0.3), r"kp .* step is 1\.221; got 0\.\d+ at joint 0"),
+        (lambda: for_arm(stiffness=20, bits=(16, 12)), "bits must be five"),
+        (lambda: for_arm(stiffness=20, bits=None), "bits must be five"),
+        (
+            lambda: for_arm(stiffness=20, limits=(9, 9, (9, 9, 9), 9, 9)),
+            "kp must have 2 joints; got 3",
+        ),
+        (lambda: MitDrive(kp=1, kd=1, limits=None), "limits must be five"),
+        (lambda: MitDrive(kp=1, kd=1, limits=np.ones((3, 2))), "limits must be five"),
+        (lambda: drive(limits=((), 30, 500, 5, 10)), "limits of q must not be empty"),
+        (lambda: drive(limits=(12.5, 30, 500, 5, (9, 9, 9))), "limits of tau must have 2 joints"),
+        (
+            lambda: MitDrive(kp=1, kd=1, limits=((1, 2, 3), 30, 500, 5, (9, 9))),
+            "limits of tau must have 3 joints; got 2",
+        ),
+        (
+            lambda: rig(inner=MitDrive(kp=1, kd=1, limits=(12.5, 30, 500, 5, (9, 9, 9)))),
+            r"inner\.limits of tau must have 2 joints; got 3",
+        ),
+        (lambda: drive(period=0.0), "period must be a positive number; got 0"),
+        (lambda: PositionServo(gain=1.0, period=-1e-3), "period must be a positive number"),
         (lambda: ComputedTorque(ARM, rig()).start(rig(), (0, 0)).frame, "take running.goal"),
     ],
 )

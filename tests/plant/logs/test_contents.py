@@ -335,3 +335,17 @@ def test_words_of_an_archive_do_not_count_as_columns(tmp_path, monkeypatch):
     np.savez_compressed(tmp_path / "log.npz", **numbers, more=np.zeros(1 << 18))
     with pytest.raises(LoadError, match="must hold at most 1 MiB; it declares 2"):
         Record.read(tmp_path / "log.npz")
+
+
+def test_columns_that_stand_beside_a_block_are_no_labels_of_it():
+    columns = {"q": np.zeros((3, 2)), "q.a": np.ones(3), "q.b": np.ones(3)}
+    assert logfile.LogTable(columns, {}, tuple(columns)).elements("q") == ["q[0]", "q[1]"]
+    labelled = logfile.LogTable({"q": columns["q"]}, {}, ("q", "q.a", "q.b"))
+    assert labelled.elements("q") == ["q.a", "q.b"]
+
+
+def test_words_beside_a_column_of_a_like_name_are_told(tmp_path):
+    (tmp_path / "a.csv").write_text("t,q,q.mode\n0,1,run\n0.1,2,run\n0.2,3,stop\n")
+    assert Record.read(tmp_path / "a.csv").text == ("q.mode",)
+    table = logfile.LogTable({"q": np.zeros((3, 2))}, {}, ("q", "q.a", "q.b", "note"))
+    assert table.text() == ("note",)

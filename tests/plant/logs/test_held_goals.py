@@ -21,6 +21,7 @@ from plant import (
     simulate,
 )
 from plant.checkup import lost_rows
+from plant.simulation import path_of
 
 SERVO = PositionServo(gain=GAIN)
 WIDE = Harmonics(
@@ -95,6 +96,20 @@ def test_a_cut_of_held_goals_still_holds_them():
     cut = held_log(0.02, seconds=2.0).cut(1.0)
     assert cut.reference.held
     np.testing.assert_array_equal(cut.rig.counts(cut.reference(cut.t).q), cut.reference_pulses)
+
+
+@pytest.mark.parametrize(("every", "factor"), [(1, 0.5), (1, 0.7), (3, 0.7), (2, 1.5)])
+def test_resampled_goals_are_still_those_that_were_held(every, factor):
+    log = held_log(0.02, every, seconds=2.0)
+    again = log.resampled(0.02 * factor)
+    # The reference in place of a column of its own: goals may be sent between two samples.
+    goals = again.rig.counts(log.reference(again.t).q)
+    np.testing.assert_array_equal(again.reference_pulses, goals)
+    path_of(again)
+    # What the reference does not explain is still seen.
+    wrong = dataclasses.replace(log, reference_pulses=log.reference_pulses + 20)
+    with pytest.raises(ValueError, match="reference_pulses must be the reference's own"):
+        path_of(wrong.resampled(0.02 * factor))
 
 
 @pytest.mark.parametrize("every", [1, 3])

@@ -27,7 +27,7 @@ from spoilt_files import (
 )
 
 from plant import LoadError, Record, puma560, read_table
-from plant.logs import isolation
+from plant.logs import isolation, logfile
 
 SUFFIX = {"csv": "csv", "npz": "npz", "mat": "mat", "hdf5": "h5", "parquet": "parquet"}
 
@@ -386,10 +386,44 @@ def test_wrong_calls_are_refused_before_the_file_is_opened():
             "rig must be of type Rig",
         ),
         (lambda: Record.from_csv("log.csv", rig=RIG, units=UNITS), "Pass columns= as well"),
+        (lambda: read_table("log.csv", names="ab"), "names must be a list .* got 'ab'"),
+        (lambda: read_table("log.csv", names=[]), r"names must be a list .* got \[\]"),
+        (lambda: read_table("log.csv", names=["a", 1]), "names must be a list"),
+        (lambda: read_table("log.csv", names=3), "names must be a list"),
+        (lambda: read_table(None), "path must be a path; got None"),
+        (lambda: read_table("log.csv", prefix=None), "prefix must be of type str"),
     ):
         with pytest.raises(ValueError, match=message) as refusal:
             call()
         assert not isinstance(refusal.value, LoadError)
+
+
+def test_a_refusal_has_the_path_as_it_is_and_one_line(tmp_path):
+    path = tmp_path / "two  blanks.npz"
+    path.write_bytes(b"no archive")
+    with pytest.raises(LoadError, match=re.escape(str(path))) as refusal:
+        read_table(path)
+    assert "\n" not in str(refusal.value)
+
+
+def test_an_empty_column_is_refused_for_its_samples(tmp_path):
+    np.savez(tmp_path / "a.npz", t=[])
+    refused(lambda: read_table(tmp_path / "a.npz"), "'t' has no samples")
+
+
+def test_a_clock_has_its_prefix_once(tmp_path, monkeypatch):
+    """Also where the file is read once more, to refuse what there is in place of numbers."""
+    (tmp_path / "a.mcap").write_bytes(b"0")
+    clocks = []
+
+    def reader(*_, clock, **__):
+        clocks.append(clock)
+        return ["/run/t"], {}
+
+    monkeypatch.setattr(logfile, "read_isolated", reader)
+    with pytest.raises(LoadError):
+        logfile.read_file("mcap", tmp_path / "a.mcap", None, "/run", numbers_only=True, clock="/t")
+    assert clocks == ["/run/t", "/run/t"]
 
 
 @pytest.mark.parametrize(

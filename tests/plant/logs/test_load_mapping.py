@@ -424,6 +424,15 @@ def test_resampled_counts_are_within_half_a_pulse_of_the_line():
     assert again.t[-1] <= t[-1] < again.t[-1] + 1e-3
 
 
+def test_resampled_counts_of_a_smooth_encoder_keep_their_fractions():
+    smooth = dataclasses.replace(RIG, encoder=dataclasses.replace(RIG.encoder, smooth=True))
+    pulses = np.column_stack([0.1 * np.arange(5), np.zeros(5)])
+    log = Record(t=T[:5], reference_pulses=2 * pulses, error_pulses=pulses, rig=smooth)
+    again = log.resampled(RIG.period / 2)
+    np.testing.assert_allclose(again.reference_pulses[:, 0], 0.1 * np.arange(9), atol=1e-12)
+    np.testing.assert_allclose(again.counts[:, 0], 0.05 * np.arange(9), atol=1e-12)
+
+
 def test_resampled_gaps_and_dropped_samples_weigh_nothing():
     t = np.array([0, 1, 2, 3, 6, 7, 8, 9.0]) * 2e-3
     valid = np.array([1, 1, 1, 1, 1, 0, 1, 0.5])

@@ -1,12 +1,14 @@
 """Records: through a file and back without loss, plain files, and every refusal in one line."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from plant import P, Record, puma560
+from plant import Elasticity, MitDrive, P, Record, Table, puma560
 
 RIG, LAW, PATH = puma560.rig(), puma560.p_law(), puma560.reference()
 FIELDS = (
@@ -77,6 +79,15 @@ def test_header_is_one_comment_line_and_names_carry_units(file):
     assert len(lines) == 2 + 3
 
 
+GEARS = Elasticity(stiffness=(500.0, 500.0), damping=(1.0, 1.0))
+ONE_LINK = dataclasses.replace(
+    RIG,
+    drive=dataclasses.replace(RIG.drive, elasticity=GEARS),
+    encoder=dataclasses.replace(RIG.encoder, side=("both", "motor")),
+)
+DRIVEN = dataclasses.replace(RIG, inner=MitDrive(kp=1, kd=1))
+
+
 def some_record(**changes):
     values = {
         "t": [0.0, 1.0, 2.0],
@@ -142,12 +153,44 @@ def test_without_a_reference_the_errors_are_minus_the_counts():
         ({"rig": RIG.drive}, r"rig of a record must be a Rig; got Drive"),
         ({"law": "P"}, r"law of a record must be a Law; got 'P'"),
         ({"reference": np.zeros(3)}, r"reference of a record must be a Reference"),
+        ({"reference": Table(times=(0, 1), points=np.zeros((2, 3)))}, r"reference .* 2 joints.* 3"),
+        ({"law": P(gain=(1, 1, 1))}, r"law\.gain must have 2 joints; got 3"),
+        ({"law": MitDrive(kp=(1, 2, 3), kd=1)}, r"law\.kp must have 2 joints; got 3"),
+        ({"law": MitDrive(kp=2, kd=1), "rig": DRIVEN}, r"law .* inner loop .* two that differ"),
+        ({"link_counts": np.full((3, 2), (1, np.inf)), "rig": ONE_LINK}, r"finite; got inf .*0, 1"),
+        ({"link_counts": np.full((3, 2), np.inf)}, r"link_counts must be finite; got inf"),
+        ({"notes": {"g": np.array([1.0, 2.0])}}, r"note 'g' must be a finite number"),
+        ({"notes": {"g": ""}}, r"notes must be text or numbers by name"),
+        ({"columns": {"torque": 3}}, r"columns .* names; got 3 for 'torque'"),
+        ({"columns": {"torque": ("a", 3)}}, r"columns .* names; got .* for 'torque'"),
     ],
 )
 def test_bad_record_is_refused_with_its_place(changes, message):
     with pytest.raises(ValueError, match=message) as error:
         some_record(**changes)
     assert "\n" not in str(error.value)
+
+
+def test_a_law_below_the_record_is_not_kept_twice():
+    assert some_record(law=MitDrive(kp=1, kd=1), rig=DRIVEN).rig == RIG
+    with pytest.raises(ValueError, match=r"inner\.kp must have 2 joints; got 3"):
+        dataclasses.replace(RIG, inner=MitDrive(kp=(1, 2, 3), kd=1))
+
+
+@pytest.mark.parametrize("end", ["abc", None, np.nan, [1.0, 2.0]])
+def test_the_end_of_a_cut_is_a_time(end):
+    with pytest.raises(ValueError, match="end must be a finite number; got"):
+        some_record().cut(0, end)
+    assert len(some_record().cut(0, np.inf)) == 3
+
+
+def test_columns_of_a_record_are_its_own():
+    columns = {"link_position": ["la", "lb"], "torque": "u"}
+    record = some_record(columns=columns)
+    columns["torque"] = "other"
+    columns["link_position"].append("lc")
+    assert record.column("link_counts", 1) == "column 'lb' (link_position)"
+    assert "'u'" in record.column("torque", 0)
 
 
 GOOD = "0,1,2,3,4\n0.1,5,6,7,8\n"

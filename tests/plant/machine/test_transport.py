@@ -22,6 +22,7 @@ from plant import (
     number,
     part,
     puma560,
+    replay,
     simulate,
     structure,
     to_control,
@@ -122,6 +123,29 @@ def test_the_law_reads_the_counts_before_where_they_are_lost():
     seen[[5, 6]], seen[20] = seen[4], seen[19]
     assert (record.counts[[5, 6, 20]] != seen[[5, 6, 20]]).all()
     np.testing.assert_allclose(record.torque, -0.1 * seen, rtol=1e-14)
+
+
+@pytest.mark.parametrize("samples", [1, 2])
+def test_a_cut_counts_the_lost_steps_from_its_own_start(samples):
+    """In steps of the law, which may be longer than a sample."""
+    rig = carrying(lost=(5, 20, 30))
+    law = Push(torque=(0.1, 0.1), period=samples * PERIOD)
+    record = simulate(STILL, rig, law, PATH, duration=80 * PERIOD)
+    for begin, lost in ((0, (5, 20, 30)), (4, (1, 16, 26)), (5, (15, 25)), (20, (10,)), (35, ())):
+        cut = record.cut((begin * samples - 0.5) * PERIOD)
+        assert cut.rig.transport.lost == lost
+    assert dataclasses.replace(record, law=None).cut(9.5 * PERIOD).rig.transport.lost == (10, 20)
+
+
+def test_a_cut_is_replayed_with_the_losses_of_its_record():
+    rig = carrying(lost=range(25, 40))
+    law = PD(gain=(0.3, 0.2), derivative=(3e-4, 2e-4), filter=1000.0, period=PERIOD)
+    record = simulate(puma560.arm(), rig, law, PATH, duration=0.06)
+    cut = record.cut(14.5 * PERIOD)
+    again = replay(
+        puma560.arm(), dataclasses.replace(cut, initial=[record.true_q[15], record.true_qd[15]])
+    )
+    assert np.abs(again.error_pulses - cut.error_pulses).max() < 3
 
 
 def test_casadi_gives_the_same():
