@@ -22,8 +22,7 @@ from plant import (
     simulate,
 )
 from plant.analysis import SampledLoops
-from plant.checkup import Signals, own_oscillations
-from plant.checkup.apparent_inertia import share_of_rotors
+from plant.checkup import Signals, own_oscillations, share_of_rotors
 
 ARM, RIG, PATH = puma560.literature_arm(1.5), puma560.rig(), puma560.reference()
 START = PATH([0.0]).q[0]
