@@ -43,7 +43,7 @@ def _declare_ends(model: ModelFile) -> None:
     """
     for joint in model.joints.values():
         for link in (joint.parent, joint.child):
-            if link in model.bodies:
+            if link in model.links:
                 continue
             model.bodies[link] = None
             # As a child the world would move.
