@@ -61,6 +61,7 @@ class Table(Timed):
 
     times: Nested = structure()
     points: Nested = structure()
+    corners = True
 
     def __post_init__(self) -> None:
         self._keep("points", (self._keep_times(), "n"), "One row per time, one column per joint.")
@@ -152,6 +153,7 @@ class Held(Timed):
     times: Nested = structure()
     points: Nested = structure()
     held = True
+    corners = True
 
     def __post_init__(self) -> None:
         self._keep("points", (self._keep_times(), "n"), "One row per time, one column per joint.")
