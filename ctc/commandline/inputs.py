@@ -167,22 +167,14 @@ def motions_asked(
 def _table(file: str, identification: Identification) -> Table:
     """A path from a file; warns where its units look wrong or its rows are far apart."""
     record = identification.records[0]
-    # Columns may have the joints' names.
+    # Columns may have the joints' names, and there must be as many.
     path = Table.from_csv(
         file, joints=[link.name or "" for link in identification.arm.dynamics.chain.links]
     )
-    # 1. What cannot be followed at all is an error.
-    n = identification.arm.n
-    if path.n != n:
-        columns = ", ".join(f"q_{i + 1}" for i in range(n))
-        raise ValueError(
-            f"{file} must have the columns t [s], {columns} [rad]; it has {path.n} columns beside"
-            " t. Give those alone; the log's own path is followed without --path."
-        )
     times = np.asarray(path.times)
     points = np.asarray(path.points)
     spacing = float(np.median(np.diff(times)))
-    # 2. What only looks wrong is a warning: a slow path may be meant.
+    # What only looks wrong is a warning: a slow path may be meant.
     if np.ptp(times) > PATHS.longer * np.ptp(record.t):
         warn(
             f"{file} lasts {np.ptp(times):.4g} s, the log {np.ptp(record.t):.3g} s: is its t in ms?"

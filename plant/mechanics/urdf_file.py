@@ -43,7 +43,7 @@ def _declare_ends(model: ModelFile) -> None:
     """
     for joint in model.joints.values():
         for link in (joint.parent, joint.child):
-            if link in model.bodies:
+            if link in model.links:
                 continue
             model.bodies[link] = None
             # As a child the world would move.
@@ -97,13 +97,18 @@ def _body(link: Element) -> Body | None:
         return None
     if len(inertials) > 1:
         raise ValueError(f"{where} must have one <inertial>; it has {len(inertials)}. Join them.")
+    inertial = inertials[0]
+    for tag in ("origin", "mass", "inertia"):
+        count = len(inertial.all(tag))
+        if count > 1:
+            raise ValueError(f"{where} must have one <{tag}>; it has {count}. Leave one.")
     # No default: a mass of zero by omission would be taken for a frame.
-    mass = numbers_of(inertials[0].find("mass"), "value", 1, None, f"{where}, mass")[0]
+    mass = numbers_of(inertial.find("mass"), "value", 1, None, f"{where}, mass")[0]
     # About the centre of mass, along the axes of the <origin>; `body_in` turns it into the axes of
     # the link.
-    matrix = inertials[0].find("inertia")
+    matrix = inertial.find("inertia")
     inertia = [numbers_of(matrix, key, 1, None, f"{where}, inertia")[0] for key in INERTIA]
-    return body_in(mass, np.array(inertia), name, origin_of(inertials[0], where))
+    return body_in(mass, np.array(inertia), name, origin_of(inertial, where))
 
 
 def _joints(robot: Element) -> dict[str, ModelJoint]:
@@ -194,6 +199,12 @@ def _limits(limit: Element | None, kind: str, where: str) -> tuple[float, float,
     if kind == "continuous" or lower == upper == 0.0:
         lower = -math.inf
         upper = math.inf
+    if lower > upper or lower == math.inf or upper == -math.inf or velocity < 0 or effort < 0:
+        raise ValueError(
+            f"{where} of {limit.path} must have limits with lower below upper, and magnitudes; got"
+            f" lower {lower:g}, upper {upper:g}, velocity {velocity:g}, effort {effort:g}. Correct"
+            " them."
+        )
     return (lower, upper, velocity or math.inf, effort or math.inf)
 
 
@@ -213,19 +224,25 @@ def _friction(dynamics: Element | None, where: str) -> tuple[float, float]:
 
 
 def is_xacro(element: Element) -> bool:
-    """Whether an element, or one within it, is a macro."""
-    return element.tag.startswith("xacro:") or any(is_xacro(child) for child in element.children)
+    """Whether an element, or one within it, is a macro or has an expression as a value."""
+    # Meshes are never read, so an expression in the name of their file does not matter.
+    values = [value for key, value in element.attributes.items() if key != "filename"]
+    return (
+        element.tag.startswith("xacro:")
+        or any("${" in value or "$(" in value for value in values)
+        or any(is_xacro(child) for child in element.children)
+    )
 
 
 def expanded(path: Path) -> bytes:
     """The URDF that a xacro file produces.
 
     Its macros may read other files and evaluate expressions. Paths are relative to the file in
-    which they stand. A package that is not there matters only to files that are included from it:
-    nothing is read of meshes.
+    which they stand. A missing package matters only if a file is included from it; meshes are never
+    read.
     """
     try:
-        # Imported here: only xacro files need them. The second finds packages without ROS.
+        # Imported here: only xacro files need them. xacrodoc finds packages without ROS.
         import xacro
         from xacro import substitution_args
         from xacrodoc import packages

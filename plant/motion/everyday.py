@@ -6,7 +6,6 @@ down where speed or torque would not do.
 """
 
 import contextlib
-import dataclasses
 import math
 from collections.abc import Callable, Iterator, Mapping
 from typing import Any, TypeVar
@@ -17,7 +16,7 @@ from numpy.typing import NDArray
 from plant.machine import Rig
 from plant.mechanics import Arm, Limits
 from plant.motion.demand import demand, sampled_demand, shortest_duration
-from plant.motion.fastest import require_inside
+from plant.motion.fastest import require_inside, speed_limits, within_efforts
 from plant.motion.reference import Motion, Reference, Scaled
 from plant.motion.smooth import Harmonics, PointToPoint
 from plant.parts import frozen_settings, instance, known_options, near
@@ -40,13 +39,17 @@ class EverydaySettings:
     load : float
         Holding torque at the start, as a share of the joint's largest, that a pose should have.
     tolerance : float
-        Difference from this share that is as good as none.
+        Differences from `load` up to this count as equally good.
     offset : float
         Share of the way between two limits by which a pose may be off their middle.
+    margin : float
+        Least distance [rad] of a pose from the limits of a joint that has no middle; of a slide,
+        times `travel`. It leaves room for each joint alone.
     loaded : float
-        Share of the largest holding torque of any joint above which gravity loads a joint.
+        A joint counts as loaded if its largest holding torque exceeds this share of the largest of
+        all joints.
     shortest : float
-        Smallest part of a motion that is tried if the drives cannot hold the arm along all of it.
+        Part of a motion above which it is halved if the drives cannot hold the arm along it.
     travel : float
         Travel of a prismatic joint [m] where others turn by 1 rad.
     """
@@ -57,6 +60,7 @@ class EverydaySettings:
     load: float = 0.5
     tolerance: float = 0.25
     offset: float = 0.4
+    margin: float = 0.6
     loaded: float = 0.1
     shortest: float = 0.1
     travel: float = 0.2
@@ -70,15 +74,16 @@ def everyday_motions(arm: Arm, rig: Rig, *, limits: Limits | None = None) -> dic
     """Everyday motions of an arm by name, for `certify`, `evaluate` and `tune`.
 
     Each joint alone, all joints slowly, creep (1 degree/s), far and fast, ten pulses, there and
-    back (one smooth oscillation), move and hold (as long at rest as it moved before). All begin and
-    end at rest, and at one pose.
+    back (one smooth oscillation), move and hold (as long at rest as it moved before). All begin at
+    one pose, and begin and end at rest.
 
     Parameters
     ----------
     arm, rig : Arm, Rig
         As identified, ``found.arm`` and ``found.rig``.
     limits : Limits, optional
-        Of positions, speeds and efforts; by default those of the arm's chain, if it has some.
+        Of positions, speeds and efforts; by default those of the arm's chain, if it has some. The
+        efforts of coupled motors' joints must be inf.
 
     Returns
     -------
@@ -94,11 +99,11 @@ def everyday_motions(arm: Arm, rig: Rig, *, limits: Limits | None = None) -> dic
     Notes
     -----
     The pose at which they begin is the middle of a joint's limits. Of joints without limits, or
-    that may turn once around or more, 1,024 poses within a right angle of zero are tried, those
-    near zero first, until the holding torque of each joint that carries a weight is a quarter to
-    three quarters of its largest: no drive is without load, and none at its extreme. No motion
-    takes more than 80 % of the torque and of the speed, nor 90 % of the way to the limit of a
-    position.
+    that may turn once around or more, 1,024 poses within a right angle of zero, and 0.6 rad from
+    their limits, are tried, those near zero first, until the holding torque of each joint that
+    carries a weight is a quarter to three quarters of its largest: no drive is without load, and
+    none at its extreme. No motion takes more than 80 % of the torque and of the speed, nor 90 % of
+    the way to the limit of a position.
 
     See Also
     --------
@@ -121,17 +126,14 @@ def everyday_motions(arm: Arm, rig: Rig, *, limits: Limits | None = None) -> dic
     if limits is None:
         none = np.full(n, np.inf)
         limits = Limits(lower=-none, upper=none, velocity=none, effort=none)
-    if instance("limits", limits, Limits, "Pass chain.limits.").n != n:
-        raise ValueError(
-            f"limits must have {n} joints like the rig; got {limits.n}. Use those of its chain."
-        )
     # The effort of a joint limits its torque as the amplifier does.
-    rig = dataclasses.replace(rig, drive=rig.drive.limited_to(limits.effort))
+    rig = within_efforts(rig, limits, chain.joint_labels)
     unit = np.where([link.prismatic for link in chain.links], SETTINGS.travel, 1.0)
     pose = _pose(arm, rig, limits)
     # Neighbouring joints turn in opposite directions.
     turns = np.where(np.arange(n) % 2, -1.0, 1.0)
     room = SETTINGS.room * np.minimum(limits.upper - pose, pose - limits.lower)
+    room[limits.velocity == 0] = 0.0
     degree = np.pi / 180
     pulses = rig.to_angle(10 * turns) - rig.to_angle(np.zeros(n))
 
@@ -188,23 +190,27 @@ def _pose(arm: Arm, rig: Rig, limits: Limits) -> NDArray[np.float64]:
     middle[limited] = (limits.lower[limited] + limits.upper[limited]) / 2
     free = np.where(prismatic, 0.0, np.pi / 2)
     inside = np.where(limited, SETTINGS.offset * np.where(limited, span, 0.0), free)
+    # On a limit there would be no room for motions.
+    margin = SETTINGS.margin * np.where(prismatic, SETTINGS.travel, 1.0)
+    margin[limited] = 0.0
+    ends = (limits.lower + margin, limits.upper - margin)
     # 1. Joints with limits in their middle; 2. if that fails, all joints around it.
     for spread in (np.where(limited, 0.0, free), inside):
-        poses, overloaded, distance = _tried_poses(arm, rig, middle, spread, limits)
+        poses, overloaded, distance = _tried_poses(arm, rig, middle, spread, ends)
         if not overloaded.min():
             break
     return poses[(distance + rig.n * overloaded).argmin()]
 
 
 def _tried_poses(
-    arm: Arm, rig: Rig, middle: Any, spread: Any, limits: Limits
+    arm: Arm, rig: Rig, middle: Any, spread: Any, ends: tuple[Any, Any]
 ) -> tuple[Any, Any, Any]:
     """Poses (P, n) around the middle, overloaded joints (P,), and distance (P,) from half load."""
     # A fixed seed: the motions of an arm are the same in every call.
     draws = np.random.default_rng(0).uniform(-1, 1, (SETTINGS.poses, rig.n)).round(2)
     poses = middle + draws * spread
     # Those near zero come first: of equally good ones `argmin` takes the first.
-    poses = np.clip(poses[np.square(poses).sum(axis=1).argsort()], limits.lower, limits.upper)
+    poses = np.clip(poses[np.square(poses).sum(axis=1).argsort()], *ends)
     needed = demand(arm, rig, (poses, np.ones_like(poses), np.zeros_like(poses)))
     holding = np.abs(needed.holding)
     dry = np.abs(needed.dry_friction())
@@ -244,20 +250,34 @@ def slowing(
 ) -> float:
     """Factor, 1 or more, that slows a motion down to a share of speed limits and amplifiers.
 
-    A motion that exceeds limits of positions, or that no factor makes possible, is refused.
+    A motion that exceeds limits of positions, that moves a joint with a speed limit of zero, or
+    that no factor makes possible, is refused.
     """
     _, sampled, needed = sampled_demand(arm, rig, motion)
     factor = 1.0
-    # Torque scales with no power of the speed, since friction and gravity remain: that factor is
-    # searched. The one of speeds below is a ratio.
+    # Torque scales with no power of the speed, since friction and gravity remain; so the factor for
+    # torque is found by search; the factor for speed, below, is a plain ratio.
     if not (needed.share(1.0) <= share).all():
         factor = shortest_duration(arm, rig, motion, share) / motion.duration
-    if limits is not None:
-        require_inside(Motion(*sampled), limits, arm.dynamics.chain.joint_labels)
-        # A joint whose limit is zero is fixed; its motion must not divide by zero.
-        fastest = np.maximum(share * limits.velocity, 1e-9)
-        factor = max(factor, float((np.abs(sampled[1]) / fastest).max()))
-    return factor
+    if limits is None:
+        return factor
+    along = Motion(*sampled)
+    labels = arm.dynamics.chain.joint_labels
+    require_inside(along, limits, labels)
+    fastest = share * speed_limits(along, limits, labels)
+    for_speed = float((np.abs(along.qd) / fastest).max())
+    if for_speed <= factor:
+        return factor
+    # Viscous friction may have carried a part of the weight.
+    slow = needed.share(1 / for_speed)
+    joint = int(slow.argmax())
+    if slow[joint] > share:
+        raise ValueError(
+            "motion must need less torque than the drives give at the speed that the limits allow;"
+            f" slowed by {for_speed:.3g}, {labels[joint]} needs {slow[joint] / share:.3g} times as"
+            " much as it may. Raise its limit, or shorten the motion."
+        )
+    return for_speed
 
 
 def of_motion(values: Mapping[str, T], name: str) -> T:
@@ -274,12 +294,20 @@ def naming(name: str) -> Iterator[None]:
     try:
         yield
     except ValueError as error:
-        # The kind of the error stays, for code that catches it.
-        raise type(error)(f"motion {name!r}: {error}" if name else str(error)) from None
+        text = f"motion {name!r}: {error}" if name else str(error)
+        # The kind of the error stays, for code that catches it, if it takes a text alone.
+        try:
+            named = type(error)(text)
+        except TypeError:
+            named = ValueError(text)
+        raise named from None
 
 
 def motions_of(arm: Any, rig: Rig, reference: Any, order: str) -> dict[str, Reference]:
-    """Motions by name, all of which the arm can make; a reference alone has an empty name."""
+    """Motions by name; of a set, each is one that the arm can make.
+
+    A reference alone has an empty name; neither it nor arm and rig are tested then.
+    """
     if not isinstance(reference, Mapping):
         return {"": instance("reference", reference, Reference, order)}
     motions = dict(reference)
@@ -299,6 +327,6 @@ def motions_of(arm: Any, rig: Rig, reference: Any, order: str) -> dict[str, Refe
             factor = math.ceil(1000 * factor) / 1000
             raise ValueError(
                 f"motion {name!r} must be one that speed limits and amplifiers allow; it is too"
-                f" fast by a factor of {factor:g}. Slow it down by .slowed({factor:g})."
+                f" fast by a factor of {factor}. Slow it down by .slowed({factor})."
             )
     return motions

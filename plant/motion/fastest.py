@@ -3,11 +3,11 @@
 With v(s) the speed along the path and b = v^2, a = b'/2 and the time is the integral of ds /
 sqrt(b). Torque is affine in a and b but for friction (`plant.motion.demand`): without viscous
 friction the problem is convex. b is a cubic spline, positive, whose coefficients are found by Ipopt
-with derivatives from casadi. A cubic spline has a continuous slope, and so is the acceleration
-along the path. The given motion, uniformly scaled, is one such b, and the start.
+with derivatives from casadi. The slope of a cubic spline is continuous; therefore the acceleration
+along the path is, too. The given motion, uniformly scaled, is one such b, and the start.
 
-The path parameter is the given motion's own time. Where that motion rests the new one does,
-whatever b is there. Coulomb friction has at each point the sign of the path's direction there, so
+The path parameter is the given motion's own time. Where the given motion rests, the new one rests
+too, for any b. Coulomb friction has at each point the sign of the path's direction there, so
 the limit holds on both sides of a reversal. Between the points, and within Ipopt's tolerance, the
 torque may be a little too large: the result is evaluated on a finer grid, and uniformly scaled
 until the limit holds everywhere.
@@ -25,9 +25,8 @@ from numpy.typing import ArrayLike
 
 from plant.machine import Rig
 from plant.mechanics import Arm, Limits
-from plant.motion.demand import Demand, demand, shortest_duration
+from plant.motion.demand import Demand, demand, sampled_demand, shortest_duration
 from plant.motion.reference import Motion, Reference, Scaled
-from plant.motion.table import Table
 from plant.parts import Floats, array, frozen_settings, instance, known_options, whole
 
 
@@ -96,10 +95,11 @@ def fastest(
         Largest motor speeds [rad/s]; inf where there is no bound.
     torque_rate : (n,) array_like, optional
         Largest rate of the torque [N m/s] without Coulomb friction, which jumps where a joint
-        reverses; on the joint, of coupled motors on the shaft.
+        reverses; on the joint, of coupled motors on the shaft. It is held at the points of the
+        search; between them it may be a few per cent larger.
     limits : Limits, optional
         Of positions, joint speeds and efforts, as ``chain.limits`` of a model file has them;
-        `share` of the efforts.
+        `share` of the efforts. Those of coupled motors' joints must be inf.
     intervals : int
         Of the spline; more come closer to the optimum, and switch the torque faster.
     uniform : bool
@@ -110,13 +110,14 @@ def fastest(
     -------
     Scaled
         With continuous acceleration; at the ends it follows from curvature and speed of the path,
-        zero if the reference is a `PointToPoint` or a `Spline`.
+        zero if the reference is a `PointToPoint`, or a `Spline` at rest at its ends.
 
     Raises
     ------
     ValueError
-        A path along which the drives cannot hold the arm, that meets no limit, that has corners, or
-        that exceeds the limits of a joint's position.
+        A path along which the drives cannot hold the arm, that meets no limit, that has corners,
+        that exceeds the limits of a joint's position, or along which a joint moves whose limit of
+        speed is zero.
 
     See Also
     --------
@@ -130,31 +131,28 @@ def fastest(
     >>> quick.duration < path.duration
     True
     """
+    for name, value, kind in (("arm", arm, Arm), ("rig", rig, Rig)):
+        instance(name, value, kind, "The order is arm, rig, reference.")
     instance("reference", reference, Reference, "The order is arm, rig, reference.")
     # Without a search: one factor for the whole motion.
     if uniform:
-        if (motor_speed, torque_rate, limits) != (None, None, None):
+        if any(limit is not None for limit in (motor_speed, torque_rate, limits)):
             raise ValueError(
                 "uniform scaling is under torque limits alone; got other limits as well. Leave them"
                 " out."
             )
         return reference.slowed(shortest_duration(arm, rig, reference, share) / reference.duration)
-    if isinstance(reference, Table):
+    if reference.corners:
         raise ValueError(
-            "reference must be smooth; a Table has corners. Use Spline(times=..., points=...)."
+            "reference must be smooth; the path of a Table has corners. Use Spline(times=...,"
+            " points=...)."
         )
     whole("intervals", intervals, "The default is 120.", least=4)
 
     # 1. The limits. Those of the efforts join the amplifiers', so that `share` is of both.
+    labels = arm.dynamics.chain.joint_labels
     if limits is not None:
-        instance("limits", limits, Limits, "Pass chain.limits.")
-        if limits.n != rig.n:
-            raise ValueError(
-                f"limits must have {rig.n} joints like the rig; got {limits.n}. Use those of its"
-                " chain."
-            )
-        rig = dataclasses.replace(rig, drive=rig.drive.limited_to(limits.effort))
-    speed_limit = np.full(rig.n, np.inf) if limits is None else limits.velocity
+        rig = within_efforts(rig, limits, labels)
     # The uniform motion is the start of the search, and its unit of time.
     shortest = shortest_duration(arm, rig, reference, share)
     fastest_motor = _bound("motor_speed", motor_speed, rig.n)
@@ -163,8 +161,10 @@ def fastest(
     # 2. Time, constraints and objective by the coefficients x of b, in units of the uniform motion.
     spline = _Spline(reference.duration, intervals)
     motion = Motion(*reference(spline.places))
+    speed_limit = np.full(rig.n, np.inf)
     if limits is not None:
-        require_inside(motion, limits, arm.dynamics.chain.joint_labels)
+        require_inside(motion, limits, labels)
+        speed_limit = speed_limits(motion, limits, labels)
     needed = demand(arm, rig, motion)
     unit = (reference.duration / shortest) ** 2
     x = ca.SX.sym("x", spline.count)
@@ -180,20 +180,24 @@ def fastest(
     law = spline.law(reference, unit * _solved(problem, motion, intervals))
 
     # 3. Between the points the result may exceed a limit a little: slow it down until it does not.
-    fine = np.linspace(0.0, law.duration, 10 * len(law.times))
     # Ten instants per point of the law.
-    qd = law(fine).qd
+    qd = law(np.linspace(0.0, law.duration, 10 * len(law.times))).qd
     too_fast = max(
         np.abs(rig.drive.motor_angle(qd) / fastest_motor).max(), np.abs(qd / speed_limit).max()
     )
     factor = max(shortest_duration(arm, rig, law, share=share) / law.duration, too_fast)
-    return law.slowed(factor) if factor > 1 else law
+    law = law.slowed(factor) if factor > 1 else law
+    # Between the points of the search the path may pass a limit.
+    if limits is not None:
+        require_inside(Motion(*sampled_demand(arm, rig, law)[1]), limits, labels)
+    return law
 
 
 def _solved(problem: dict[str, ca.SX], motion: Motion, intervals: int) -> Floats:
-    """The optimal coefficients; an end at which the motion does not rest has a zero one.
+    """The optimal coefficients of b.
 
-    The new motion rests there.
+    The coefficient of an end at which the given motion moves is zero, so that the new motion rests
+    there.
     """
     ipopt = {"print_level": 0, "sb": "yes", "max_iter": 500, "tol": 1e-7}
     # Ipopt gets exact first and second derivatives from casadi.
@@ -265,6 +269,36 @@ def require_inside(motion: Motion, limits: Limits, labels: list[str]) -> None:
             f"path must stay within the limits; {labels[joint]} exceeds [{limits.lower[joint]:.4g},"
             f" {limits.upper[joint]:.4g}] by {over[joint]:.3g}. Shorten the path."
         )
+
+
+def within_efforts(rig: Rig, limits: Limits, labels: list[str]) -> Rig:
+    """A rig whose amplifiers give no more than the efforts of the joints."""
+    if instance("limits", limits, Limits, "Pass chain.limits.").n != rig.n:
+        raise ValueError(
+            f"limits must have {rig.n} joints like the rig; got {limits.n}. Use those of its chain."
+        )
+    # The torque of a joint is that of its shaft alone, unless it turns another shaft, too.
+    alone = (rig.drive.coupling.shaft(np.eye(rig.n)) == np.eye(rig.n)).all(axis=1)
+    for joint in np.flatnonzero((limits.effort == 0) | (np.isfinite(limits.effort) & ~alone)):
+        rule = "positive" if alone[joint] else "inf where motors are coupled"
+        raise ValueError(
+            f"limits.effort must be {rule}; got {limits.effort[joint]:.4g} at {labels[joint]}."
+            " Give inf there, and the limit of the amplifier by Drive(current_limit=...)."
+        )
+    return dataclasses.replace(rig, drive=rig.drive.limited_to(limits.effort))
+
+
+def speed_limits(motion: Motion, limits: Limits, labels: list[str]) -> Floats:
+    """Limits (n,) of the joints' speeds along a path; a joint that may not move must not."""
+    still = limits.velocity == 0
+    moves = np.ptp(motion.q, axis=0) > SETTINGS.tolerance
+    for joint in np.flatnonzero(still & moves):
+        raise ValueError(
+            f"path must leave joints with a limits.velocity of 0 where they are; {labels[joint]}"
+            f" moves by {np.ptp(motion.q[:, joint]):.3g}. Correct the path, or the limit."
+        )
+    # What stands still needs no limit.
+    return np.where(still, np.inf, limits.velocity)
 
 
 def _bound(name: str, value: ArrayLike | None, n: int) -> Floats:

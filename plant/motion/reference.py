@@ -69,6 +69,8 @@ class Reference(Part, abc.ABC):
     duration: float = declared("How long the motion takes, or one period of it [s].")
     # Whether it stays at each point until the next one, as the goals of a servo do.
     held = False
+    # Whether its speed jumps within it, as that along a table does.
+    corners = False
 
     @abc.abstractmethod
     def motion(self, t: Floats) -> tuple[Floats, Floats, Floats]:
@@ -217,6 +219,10 @@ class Scaled(Timed):
     def n(self) -> int:  # type: ignore[override]  # declared, and read only
         return self.path.n
 
+    @property
+    def corners(self) -> bool:  # type: ignore[override]  # as the path
+        return self.path.corners
+
     @known_options
     def slowed(self, factor: float) -> Scaled:
         """The same path under this time law, uniformly scaled; as `Reference.slowed`."""
@@ -276,6 +282,10 @@ class Derived(Reference):
     @property
     def n(self) -> int:  # type: ignore[override]  # declared, and read only
         return self.reference.n
+
+    @property
+    def corners(self) -> bool:  # type: ignore[override]  # as the other one
+        return self.reference.corners
 
     @property
     def duration(self) -> float:  # type: ignore[override]  # declared, and read only

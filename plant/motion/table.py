@@ -10,15 +10,25 @@ import numpy as np
 from plant.motion.reference import Timed
 from plant.parts import Floats, Nested, known_options, part, read_rows, structure
 
-# A joint's name with one number, such as q_1 [rad].
+# A joint's name with one number, such as q_1.
 _NUMBERED = re.compile(r"(\D*)(\d+)\D*")
 
-# Share of the shortest interval by which a time may lie before that of a goal and still have it:
-# a clock takes stamps that are off by a hundredth as even.
+# A goal holds already this share of the shortest interval before its time, because clocks whose
+# stamps are off by a hundredth count as even.
 _AT_THE_TIME = 0.02
 
-# Units that times and angles of a table must not have.
+# The unit at the end of a column's name; a number in brackets is an index, as in q[0].
+_UNIT = re.compile(r"\s*\[(?!\d+\])([^\[\]]*)\]$")
+
+# Units that the first column may have, and all others.
+_SECONDS = ("s", "sec", "second", "seconds")
+_ANGLES = ("rad", "radian", "radians", "m", "metre", "metres", "meter", "meters")
+
+# Words in the names of columns that tell of other units.
 _FOREIGN = re.compile(r"(?<![a-z])(deg|degree|degrees|°|ms|us)(?![a-z])")
+
+# The first cell of a comment that is a heading.
+_TIME = re.compile(r"t(ime(stamp)?)?(_\w+|\s*[\[(].*)?", re.IGNORECASE)
 
 
 @part
@@ -51,6 +61,7 @@ class Table(Timed):
 
     times: Nested = structure()
     points: Nested = structure()
+    corners = True
 
     def __post_init__(self) -> None:
         self._keep("points", (self._keep_times(), "n"), "One row per time, one column per joint.")
@@ -60,7 +71,7 @@ class Table(Timed):
     def from_csv(cls, path: str | Path, *, joints: Sequence[str] = ()) -> Self:
         """Read columns t [s], q_1..q_n [rad].
 
-        Lines that start with #, and a line of names before the numbers, are headings.
+        A line of names before the numbers is a heading, and so is a comment (#) that begins with t.
 
         Parameters
         ----------
@@ -71,19 +82,32 @@ class Table(Timed):
         Raises
         ------
         ValueError
-            No table of numbers, or a heading that has the joints in another order or other units.
+            No table of numbers, another number of joints, or a heading that has the joints in
+            another order, one twice, no t, or other units.
         """
+
+        def comment(_: int, line: str) -> None:
+            cells = line[1:].split(",")
+            if _TIME.fullmatch(cells[0].strip()):
+                _require_order(cells, joints)
+
         try:
-            names, table = read_rows(
-                path, comment=lambda _, line: _require_order(line[1:].split(","), joints)
-            )
-            _require_order(names or [], joints)
-            if table.shape[1] < 2:
-                raise ValueError(f"must have t and angles; got {table.shape[1]} cells. Fill it.")
+            names, table = read_rows(path, comment=comment)
+            columns = table.shape[1] - 1
+            if columns < 1:
+                raise ValueError(f"must have t and angles; got {columns + 1} cells. Fill it.")
+            if len(joints) not in (0, columns):
+                expected = ", ".join(f"q_{i + 1}" for i in range(len(joints)))
+                raise ValueError(
+                    f"must have the columns t [s], {expected} [rad]; it has {columns} columns"
+                    " beside t. Give those alone."
+                )
+            if names:
+                _require_order(names, joints)
+            return cls(times=table[:, 0], points=table[:, 1:])
         # Messages of the reader begin with the rule; the path of the file goes before it.
         except ValueError as error:
             raise ValueError(f"{path} {error}") from None
-        return cls(times=table[:, 0], points=table[:, 1:])
 
     def motion(self, t: Floats) -> tuple[Floats, Floats, Floats]:
         times = np.asarray(self.times)
@@ -129,6 +153,7 @@ class Held(Timed):
     times: Nested = structure()
     points: Nested = structure()
     held = True
+    corners = True
 
     def __post_init__(self) -> None:
         self._keep("points", (self._keep_times(), "n"), "One row per time, one column per joint.")
@@ -142,18 +167,38 @@ class Held(Timed):
 
 
 def _require_order(heading: Sequence[str], names: Sequence[str]) -> None:
-    """Refuse a heading with the joints in another order, or with units other than s and rad."""
+    """Refuse a heading without t, with joints in another order or twice, or in other units."""
     cells = [cell.strip() for cell in heading]
-    joints = [match.groups() for match in map(_NUMBERED.fullmatch, cells[1:]) if match]
+    time, *columns = (_UNIT.sub("", cell) for cell in cells)
+    joints = [match.groups() for match in map(_NUMBERED.fullmatch, columns) if match]
+    stems = {stem for stem, _ in joints}
     numbers = [int(number) for _, number in joints]
+    first = _NUMBERED.fullmatch(time)
+    # Speeds have the numbers of the positions, as in q_1, qd_1.
+    repeated = "q" in {stem.rstrip("_ [") for stem in stems} and len(set(numbers)) < len(numbers)
+    named = [name for name in columns if name]
+    timeless = (time and time in names) or (first and first[1] in stems)
+    if timeless or repeated or len(set(named)) < len(named):
+        raise ValueError(
+            f"must have each joint once, behind t; its columns are {', '.join(cells)}. Give those"
+            " alone."
+        )
+    permuted = any(
+        name in names and list(names[i : i + 1]) != [name] for i, name in enumerate(columns)
+    )
     # Numbers tell the order only if all columns have one and the same name beside it.
-    numbered = len({name for name, _ in joints}) == 1 and len(numbers) == len(cells) - 1
-    permuted = cells[1:] != list(names) and sorted(cells[1:]) == sorted(names)
+    numbered = len(stems) == 1 and len(numbers) == len(columns)
     if permuted or (numbered and numbers != sorted(numbers)):
         raise ValueError(
             f"must have the joints in order; its columns are {', '.join(cells)}. Reorder them."
         )
-    foreign = [cell for cell in cells if _FOREIGN.search(cell.lower())]
+    allowed = [_SECONDS] + [_ANGLES] * len(columns)
+    foreign = [
+        cell
+        for cell, units in zip(cells, allowed, strict=True)
+        if _FOREIGN.search(cell.lower())
+        or ((unit := _UNIT.search(cell)) and unit[1].strip().lower() not in units)
+    ]
     # A comment of one cell is no heading.
-    if len(cells) > 1 and foreign:
+    if columns and foreign:
         raise ValueError(f"must be in s and rad; its heading has {foreign[0]!r}. Convert it.")

@@ -281,6 +281,27 @@ def test_the_world_is_there_without_being_declared(tmp_path):
         Chain.from_urdf(path)
 
 
+@pytest.mark.parametrize("tip", ["one", "two"])
+@pytest.mark.parametrize("order", [1, -1])
+def test_a_link_that_is_not_declared_is_refused_wherever_it_is_named(tmp_path, tip, order):
+    joints = [JOINT.format(f"to_{name}", "revolute", "ghost", name, "") for name in ("one", "two")]
+    links = [LINK.format(name, 1, 0.02) for name in ("one", "two")]
+    path = urdf(tmp_path, more="".join(links + joints[::order]))
+    with pytest.raises(ValueError, match=f"joint to_{tip} .*'ghost'"):
+        Chain.from_urdf(path, base="ghost", tip=tip)
+
+
+@pytest.mark.parametrize("order", [1, -1])
+def test_a_world_that_moves_is_refused_wherever_it_is_named(tmp_path, order):
+    joints = [
+        JOINT.format("sway", "revolute", "gripper", "world", ""),
+        JOINT.format("weld", "fixed", "world", "pad", ""),
+    ]
+    path = urdf(tmp_path, more="".join([LINK.format("pad", 1, 0.02), *joints[::order]]))
+    with pytest.raises(ValueError, match=r"joint sway .*'world'"):
+        Chain.from_urdf(path, base="base", tip="pad")
+
+
 def test_infinite_limits(tmp_path):
     limit = '<limit lower="-inf" upper="+Infinity" effort="inf" velocity="INF"/>'
     limits = Chain.from_urdf(urdf(tmp_path, turn=limit), ["turn"]).limits

@@ -266,6 +266,9 @@ def test_ends_that_are_none(tmp_path, given, said):
         (of_arm('mass value="1"', 'mass value="1_7"'), "got '1_7'"),
         (of_arm("<inertial>", "<inertial/><inertial>"), "link arm must have one <inertial>; it has 2"),
         (GOOD.replace("</joint>", '<mimic joint="other"/></joint>'), "shoulder mimics other"),
+        (of_arm('<mass value="1"/>', '<mass value="1"/><mass value="2"/>'), "link arm must have one <mass>; it has 2"),
+        (of_arm("<inertial>", "<inertial><origin/><origin/>"), "link arm must have one <origin>; it has 2"),
+        (of_arm("</inertial>", BALL + "</inertial>"), "link arm must have one <inertia>; it has 2"),
         ('<robot name="r"/>', "the file must have links"),
         ("<robot>", "must be well-formed XML"),
         ("", "must be well-formed XML"),
@@ -329,10 +332,30 @@ def test_limits_are_kept(tmp_path):
     assert [endless.lower[0], endless.upper[0], endless.velocity[0]] == [-np.inf, np.inf, 3]
     none = Chain.from_urdf(written(tmp_path, GOOD)).limits
     assert np.isinf(none.number_values()).all()
-    with pytest.raises(ValueError, match="lower must not be above upper"):
-        Chain.from_urdf(written(tmp_path, text.replace('"-1"', '"5"')))
     with pytest.raises(ValueError, match="one finite number in velocity"):
         Chain.from_urdf(written(tmp_path, text.replace('velocity="3"', 'velocity="fast"')))
+
+
+@pytest.mark.parametrize(
+    ("right", "wrong"),
+    [
+        ('lower="-1"', 'lower="5"'),
+        ('velocity="3"', 'velocity="-1"'),
+        ('effort="4"', 'effort="-4"'),
+        ('lower="-1" upper="2"', 'lower="inf" upper="inf"'),
+        ('lower="-1" upper="2"', 'lower="-inf" upper="-inf"'),
+    ],
+)
+def test_limits_that_no_joint_has_are_refused_with_joint_and_file(tmp_path, right, wrong):
+    limit = '<axis xyz="0 0 1"/><limit lower="-1" upper="2" velocity="3" effort="4"/>'
+    text = GOOD.replace('<axis xyz="0 0 1"/>', limit.replace(right, wrong))
+    with pytest.raises(
+        ValueError, match=r"joint shoulder of .*robot\.urdf must have limits"
+    ) as error:
+        Chain.from_urdf(written(tmp_path, text))
+    assert all(
+        part.replace("=", " ").replace('"', "") in str(error.value) for part in wrong.split()
+    )
 
 
 XACRO = GOOD.replace(
@@ -350,6 +373,21 @@ def test_xacro_is_expanded(tmp_path):
         Chain.from_urdf(written(tmp_path, XACRO.replace("${mass}", "${mas}")))
     with pytest.raises(ValueError, match="must not declare a document type"):
         Chain.from_urdf(written(tmp_path, '<!DOCTYPE r [<!ENTITY a "b">]>' + XACRO))
+
+
+def test_expressions_alone_are_xacro(tmp_path):
+    pytest.importorskip("xacrodoc")
+    for value in ("${1 + 2}", "$(eval 1 + 2)"):
+        text = GOOD.replace('mass value="1"', f'mass value="{value}"')
+        assert Chain.from_urdf(written(tmp_path, text)).bodies[0].mass == 3
+
+
+def test_a_mesh_in_a_package_is_no_xacro(tmp_path, monkeypatch):
+    """Meshes are never read, so the file needs no tool."""
+    monkeypatch.setitem(sys.modules, "xacrodoc", None)
+    mesh = '<visual><geometry><mesh filename="$(find arm)/a.stl"/></geometry></visual></link>'
+    text = GOOD.replace("</link>", mesh, 1)
+    assert Chain.from_urdf(written(tmp_path, text)).n == 1
 
 
 def test_xacro_without_its_tool_is_said(tmp_path, monkeypatch):

@@ -6,14 +6,24 @@ import dataclasses
 
 import numpy as np
 import pytest
-from demands import joint_torque
+from demands import joint_torque, one_joint
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from packaged_arms import planar, puma560_rig
 from packaged_arms import puma560 as whole_puma560
 
-from plant import Dynamics, Limits, PointToPoint, everyday_motions, puma560, read_robot, simulate
-from plant.motion import motions_of
+from plant import (
+    Coupling,
+    Dynamics,
+    Limits,
+    LoadError,
+    PointToPoint,
+    everyday_motions,
+    puma560,
+    read_robot,
+    simulate,
+)
+from plant.motion import motions_of, naming, slowing
 
 ARM, RIG = puma560.arm(), puma560.rig()
 MOTIONS = everyday_motions(ARM, RIG)
@@ -174,6 +184,37 @@ def test_limits_beyond_a_turn_are_no_middle():
     assert np.abs(start[1:3]).min() > 0.1  # 0 is an arm stretched out, gravity at its largest
 
 
+def sliding():
+    chain = planar(2)
+    links = (chain.links[0], dataclasses.replace(chain.links[1], prismatic=True))
+    dynamics = Dynamics.from_chain(dataclasses.replace(chain, links=links))
+    return dynamics.arm(dynamics.f())
+
+
+@pytest.mark.parametrize(
+    ("arm", "lower", "upper", "travel"),
+    [(sliding(), 0, np.inf, 0.1), (ARM, 0, 6.4, 0.5), (ARM, -6.4, 0, 0.5)],
+    ids=["slide", "above", "below"],
+)
+def test_a_joint_whose_limit_lies_at_zero_moves(arm, lower, upper, travel):
+    """Alone by 0.5 rad, or a fifth of it in metres."""
+    limits = Limits(**WIDE | {"lower": (-9, lower), "upper": (9, upper)})
+    motions = everyday_motions(arm, RIG, limits=limits)
+    alone = sampled(list(motions.values())[1]).q[:, 1]
+    assert np.ptp(alone) == pytest.approx(travel)
+    for motion in motions.values():
+        q = sampled(motion).q[:, 1]
+        assert lower < q.min()
+        assert q.max() < upper
+
+
+def test_a_joint_whose_speed_limit_is_zero_stands_still():
+    limits = Limits(**WIDE | {"velocity": (9, 0)})
+    for name, motion in everyday_motions(ARM, RIG, limits=limits).items():
+        assert motion.duration == MOTIONS[name].duration
+        assert np.ptp(sampled(motion).q[:, 1]) == 0
+
+
 # -- what a user gives ---------------------------------------------------------------------------
 FAR = PointToPoint(start=(0, 0), goal=(1.0, -1.0), duration=0.2)
 LIMITED = dataclasses.replace(
@@ -196,6 +237,51 @@ def test_the_factor_that_is_named_is_the_one_that_is_needed():
     torque = joint_torque(ARM, RIG, sampled(FAR.slowed(factor), 4001))
     assert (np.abs(torque) / RIG.drive.torque_limit()).max() == pytest.approx(1, abs=2e-3)
     assert list(motions_of(ARM, RIG, {"quick": FAR.slowed(factor)}, "")) == ["quick"]
+
+
+def coupled():
+    belt = Coupling(matrix=((1, 0), (1, 1)))
+    dynamics = Dynamics.from_chain(planar(2).coupled(belt))
+    drive = dataclasses.replace(RIG.drive, coupling=belt)
+    return dynamics.arm(dynamics.f()), dataclasses.replace(RIG, drive=drive)
+
+
+@pytest.mark.parametrize(("velocity", "needed"), [(np.inf, 1.0), (0.01, None)])
+def test_a_weight_that_viscous_friction_carries_is_too_heavy_at_low_speed(velocity, needed):
+    """The arm sinks from above to below: level, it weighs more than the drive holds."""
+    dynamics = Dynamics.from_chain(planar(1))
+    arm, (_, _, rig) = dynamics.arm(dynamics.f()), one_joint()
+    up = np.pi / 2
+    path = PointToPoint(start=(up,), goal=(-up,), duration=4.0)
+    weight = abs(arm.h((0.0,), (0.0,))[0])
+    speed = np.abs(sampled(path).qd).max()
+    viscous = weight / speed / rig.drive.gear[0] ** 2
+    drive = dataclasses.replace(rig.drive, viscous=(viscous,))
+    rig = dataclasses.replace(rig, drive=drive.limited_to((0.8 * weight,)))
+    limits = Limits(lower=(-9,), upper=(9,), velocity=(velocity,), effort=(np.inf,))
+    if needed:
+        assert slowing(arm, rig, path, limits) == needed
+    else:
+        with pytest.raises(ValueError, match=r"joint 1 \(q\[0\]\) needs 1\.2. times as much"):
+            slowing(arm, rig, path, limits)
+
+
+def test_a_factor_above_a_thousand_is_enough():
+    quick = PointToPoint(start=(0, 0), goal=(0.4, 0), duration=1.3e-4)
+    with pytest.raises(ValueError, match=r"slowed\(\d{4,}\.\d+\)") as refusal:
+        motions_of(limited(), RIG, {"quick": quick}, "")
+    factor = float(str(refusal.value).split("slowed(")[1].rstrip(")."))
+    assert slowing(limited(), RIG, quick.slowed(factor), LIMITED.limits) == 1
+
+
+def test_an_error_keeps_its_kind_unless_it_takes_more_than_a_text():
+    for error, kind in (
+        (LoadError("x"), LoadError),
+        (UnicodeDecodeError("a", b"", 0, 1, "x"), None),
+    ):
+        with pytest.raises(ValueError, match=r"motion 'quick': .*x") as named, naming("quick"):
+            raise error
+        assert type(named.value) is (kind or ValueError)
 
 
 WRONG = {
@@ -227,6 +313,18 @@ WRONG = {
     "beyond a stop": (
         lambda: motions_of(limited(), RIG, {"near": FAR.slowed(40), "far": FAR.slowed(50)}, ""),
         r"motion 'near': path must stay within the limits; joint 1 \(q\[0\]\) exceeds",
+    ),
+    "a joint that may not move": (
+        lambda: slowing(ARM, RIG, FAR, Limits(**WIDE | {"velocity": (9, 0)})),
+        r"limits\.velocity of 0 .*joint 3 \(q\[1\]\) moves by 1",
+    ),
+    "no effort": (
+        lambda: everyday_motions(ARM, RIG, limits=Limits(**WIDE | {"effort": (0, 999)})),
+        r"limits\.effort must be positive; got 0 at joint 2 \(q\[0\]\)",
+    ),
+    "efforts of coupled motors": (
+        lambda: everyday_motions(*coupled(), limits=Limits(**WIDE)),
+        r"limits\.effort must be inf where motors are coupled; got 999 at joint 1 \(q\[0\]\)",
     ),
     "too fast for a joint": (
         lambda: motions_of(

@@ -15,9 +15,11 @@ from plant import (
     Coupling,
     Dynamics,
     Harmonics,
+    Held,
     Limits,
     PointToPoint,
     Spline,
+    Table,
     fastest,
     puma560,
 )
@@ -253,10 +255,88 @@ def test_bad_options_are_refused_in_one_line(options, message):
     assert "\n" not in str(refusal.value)
 
 
-def test_a_path_with_corners_or_without_length_is_refused():
-    from plant import Table
+TABLE = Table(times=(0, 1), points=((0, 0), (1, 1)))
+CORNERS = {
+    "table": TABLE,
+    "held": Held(times=(0, 1), points=((0, 0), (1, 1))),
+    "slowed": TABLE.slowed(1.0).slowed(2.0),
+    "later": TABLE.later(0.0),
+    "moved": TABLE.moved((1, 1), (0, 0)).later(0.1),
+}
 
+
+@pytest.mark.parametrize("path", CORNERS.values(), ids=CORNERS)
+def test_a_path_with_corners_is_refused(path):
     with pytest.raises(ValueError, match="a Table has corners"):
-        fastest(ARM, RIG, Table(times=(0, 1), points=((0, 0), (1, 1))))
+        fastest(ARM, RIG, path)
+
+
+def test_a_path_without_length_is_refused():
     with pytest.raises(ValueError, match="must meet a limit somewhere"):
         fastest(ARM, RIG, PointToPoint(start=(0, 0), goal=(0, 0), duration=1.0))
+
+
+BELT = dataclasses.replace(
+    RIG, drive=dataclasses.replace(RIG.drive, coupling=Coupling(matrix=((1, 0), (1, 1))))
+)
+FREE = {"lower": (-9, -9), "upper": (9, 9), "velocity": (np.inf,) * 2, "effort": (np.inf,) * 2}
+
+
+@pytest.mark.parametrize(
+    ("arguments", "options", "message"),
+    [
+        ((RIG, ARM, MOVE), {"limits": Limits(**FREE)}, "^arm must be of type Arm"),
+        ((ARM, MOVE, RIG), {}, "^rig must be of type Rig"),
+        ((ARM, RIG, MOVE), {"uniform": True, "motor_speed": np.ones(2)}, "under torque limits"),
+        (
+            (ARM, RIG, MOVE),
+            {"limits": Limits(**FREE | {"velocity": (np.inf, 0)})},
+            r"limits\.velocity of 0 .*joint 3 \(q\[1\]\) moves by 1\.",
+        ),
+        (
+            (ARM, RIG, MOVE),
+            {"limits": Limits(**FREE | {"effort": (np.inf, 0)})},
+            r"limits\.effort must be positive; got 0 at joint 3 \(q\[1\]\)",
+        ),
+        (
+            (ARM, BELT, MOVE),
+            {"limits": Limits(**FREE | {"effort": (90, 90)})},
+            r"limits\.effort must be inf where motors are coupled; got 90 at joint 2 \(q\[0\]\)",
+        ),
+    ],
+    ids=["swapped", "swapped rig", "array", "still joint", "no effort", "coupled efforts"],
+)
+def test_wrong_calls_are_refused_by_the_argument(arguments, options, message):
+    with pytest.raises(ValueError, match=message):
+        fastest(*arguments, **options)
+
+
+def test_a_joint_that_stands_still_may_have_a_speed_limit_of_zero():
+    path = PointToPoint(start=(0, 0), goal=(1, 0), duration=1.0)
+    free, still = (
+        fastest(ARM, RIG, path, intervals=10, limits=Limits(**FREE | {"velocity": (np.inf, v)}))
+        for v in (np.inf, 0)
+    )
+    assert still.duration == free.duration
+
+
+def test_the_effort_of_a_joint_whose_shaft_turns_no_other_joint_is_kept():
+    """The belt turns shaft 2 with joint 1, so that joint 2 alone has the torque of its shaft."""
+    dynamics = Dynamics.from_chain(planar(2).coupled(BELT.drive.coupling))
+    arm = dynamics.arm(dynamics.f())
+    free, weak = (
+        fastest(
+            arm, BELT, SPLINE, intervals=10, limits=Limits(**FREE | {"effort": (np.inf, effort)})
+        )
+        for effort in (np.inf, 0.5 * BELT.drive.torque_limit()[1])
+    )
+    assert weak.duration > 1.01 * free.duration
+
+
+def test_a_stop_that_is_passed_between_the_points_of_the_search_is_seen():
+    """No point of nine intervals is where the cosine has its largest value, 1."""
+    arm, _, rig = one_joint(limit=10.0)
+    path = Harmonics(period=2.0, offset=(0.0,), cosine=((-1.0,),), sine=((0.0,),))
+    limits = Limits(lower=(-9.0,), upper=(1 - 1e-5,), velocity=(99.0,), effort=(99.0,))
+    with pytest.raises(ValueError, match=r"exceeds \[-9, 1\] by"):
+        fastest(arm, rig, path, intervals=9, limits=limits)

@@ -170,15 +170,66 @@ def test_table_from_csv(tmp_path):
     assert Table.from_csv(path) == TABLE
 
 
-def test_a_table_whose_heading_has_the_joints_in_another_order_is_refused(tmp_path):
-    path, joints = tmp_path / "path.csv", ("shoulder", "elbow")
-    path.write_text("time,shoulder,elbow\n0,1,2\n1,2,3\n")
-    assert Table.from_csv(path, joints=joints).points[0] == (1, 2)
-    path.write_text("time,elbow,shoulder\n0,1,2\n1,2,3\n")
-    with pytest.raises(
-        ValueError, match=r"joints in order; its columns are time, elbow, shoulder\. Reorder them"
-    ):
-        Table.from_csv(path, joints=joints)
+JOINTS = ("shoulder", "elbow")
+TWO_ROWS = "\n0,1,2\n1,2,3\n"
+
+
+@pytest.mark.parametrize(
+    "heading",
+    [
+        "time,shoulder,elbow",
+        "t [s],shoulder [rad],elbow [m]",
+        "t [sec],shoulder [radians],elbow",
+        "seconds,q[0],q[1]",
+        "# q in rad, not in deg",
+        "# recorded by us, in May",
+        "# run 7, 2024, 11",
+        "# t in s, q in rad, no deg",
+        "# t, q in rad",
+        "timestamp,left_1,right_1",
+    ],
+)
+def test_headings_and_comments_of_a_table(tmp_path, heading):
+    path = tmp_path / "path.csv"
+    path.write_text(heading + TWO_ROWS)
+    assert Table.from_csv(path, joints=JOINTS).points[0] == (1, 2)
+
+
+@pytest.mark.parametrize(
+    ("heading", "message"),
+    [
+        ("time,elbow,shoulder", r"in order; its columns are time, elbow, shoulder\. Reorder them"),
+        ("t [s],elbow [rad],shoulder [rad]", r"in order; its columns are t \[s\], elbow"),
+        ("t,elbow,wrist", "in order"),
+        ("t,q_2 [rad],q_1 [rad]", "in order"),
+        ("shoulder,elbow,wrist", "once.*behind t"),
+        ("q_1,q_2,q_3", "once.*behind t"),
+        ("t,q_1,q_1", "once"),
+        ("t,q_1,qd_1", "once"),
+        ("t [ms],shoulder,elbow", r"'t \[ms\]'"),
+        ("t [ns],shoulder,elbow", r"'t \[ns\]'"),
+        ("t [min],shoulder,elbow", r"'t \[min\]'"),
+        ("t [rad],shoulder,elbow", r"'t \[rad\]'"),
+        ("t,shoulder [mrad],elbow", r"'shoulder \[mrad\]'"),
+        ("t,shoulder,elbow [gon]", r"'elbow \[gon\]'"),
+        ("t,q_1,q_2 [rev]", r"'q_2 \[rev\]'"),
+        ("t,q_1,q_2 [mm]", r"'q_2 \[mm\]'"),
+        ("# time [s],q_1,q_2 [rad/s]", r"'q_2 \[rad/s\]'"),
+    ],
+)
+def test_a_table_with_another_heading_is_refused(tmp_path, heading, message):
+    path = tmp_path / "path.csv"
+    path.write_text(heading + TWO_ROWS)
+    with pytest.raises(ValueError, match=rf"path\.csv .*{message}"):
+        Table.from_csv(path, joints=JOINTS)
+
+
+@pytest.mark.parametrize("joints", ["a", "abc"])
+def test_a_table_has_a_column_per_joint(tmp_path, joints):
+    path = tmp_path / "path.csv"
+    path.write_text("0,1,2\n1,2,3\n")
+    with pytest.raises(ValueError, match="it has 2 columns beside t"):
+        Table.from_csv(path, joints=list(joints))
 
 
 @pytest.mark.parametrize(
@@ -188,7 +239,7 @@ def test_a_table_whose_heading_has_the_joints_in_another_order_is_refused(tmp_pa
         ("0,1\n1\n", r"line 2 must have 2 cells; got 1"),
         ("0\n1\n", r"must have t and angles; got 1 cells"),
         ("t,q\n", r"must hold samples; got no row of numbers"),
-        ("0,1\n0,2\n", r"times must increase; got 0.0 after 0.0 at index 1"),
+        ("0,1\n0,2\n", r"path\.csv times must increase; got 0.0 after 0.0 at index 1"),
         ("0,1\n1,nan\n", r"points must be finite; got nan at index \(1, 0\)"),
         ("0,1\n", r"times must be two or more; got 1"),
         (
