@@ -39,9 +39,9 @@ class SubsetSettings:
         Accepted steps of a chain between two states that are kept. With half of it the spread over
         seeds exceeds the coefficient of variation that is stated.
     trial_steps : int
-        Steps after which chains that hardly moved end the simulation.
+        Steps after which the chains are tested for being stuck.
     stuck_rate : float
-        Acceptance rate of these steps below which they do.
+        Mean acceptance rate over these steps below which they are.
     acceptance : float
         Acceptance rate to which the width of the steps is adapted (Papaioannou et al.).
     initial_width, narrowest, widest : float
@@ -71,16 +71,16 @@ class Rare(Frozen):
     """Probability that the largest error before rounding exceeds the limit, by subset simulation.
 
     Where the counts exceed the limit, this error does so, too. So its probability bounds that of a
-    `Certificate` from above. It is larger: reference and counts are cut to whole pulses, and an
-    error of one count can be one of almost two pulses before that.
+    `Certificate` from above. The bound is loose: rounding of reference and counts can hide almost
+    one pulse, so an error of one count may be almost two pulses before rounding.
 
     `asked`: probability that was to be shown. `probability`: the estimate. Where the simulation
     ended before it reached the limit (`below`, `stuck`), it is that of the highest level.
     `variation`: coefficient of variation of the estimate. `upper`: one-sided upper bound at the
     confidence, for a log-normal estimate. `below`: whether the upper bound of a level fell below
     `asked` before a level reached the limit. `stuck`: whether the simulation ended before either,
-    because its chains no longer moved or all errors were equal. The error there is decided by none
-    of the uncertain numbers but, for example, by the chance of rounding.
+    because its chains no longer moved or all errors were equal. Beyond that level no uncertain
+    number changes the error; rounding, for example, decides it.
     `levels` (k,): of the largest error before rounding [pulses]. `evaluations`: simulated samples.
     """
 
@@ -172,8 +172,8 @@ def subset_simulation(
                 levels=np.array(levels),
                 evaluations=evaluations,
             )
-        # 3. The level lies between two neighbours, so that exactly the share exceeds it; of equal
-        # responses, all or none do.
+        # 3. The level is the midpoint between two distinct responses, so that about `level_share`
+        # of the population exceeds it; equal responses are never split.
         order = np.argsort(-g, kind="stable")
         above = int(SETTINGS.level_share * len(g))
         distinct = np.unique(g)
@@ -183,7 +183,11 @@ def subset_simulation(
         if stuck:
             levels.append(float(distinct[0]))
             continue
-        level = (distinct[place] + distinct[place - 1]) / 2
+        low, high = distinct[place - 1 : place + 1]
+        level = (low + high) / 2
+        # Between neighbouring numbers, or below infinity, the midpoint may be the upper response.
+        if not level < high:
+            level = low
         above = min(above, int((g > level).sum()))
         probability = probability * (g > level).mean()
         squares = squares + _square(g > level, steps)

@@ -78,8 +78,10 @@ def test_chance_that_no_number_decides_is_said():
         (lambda u: np.ones(len(u)), 1.0, 1.0),
         (lambda u: np.minimum(u[:, 0], 0.5), 0.5, 0.31),
         (lambda u: np.where(u[:, 0] > 1.645, 1.0, 0.0), 1.0, 0.05),
+        # The midpoint of these two is rounded to the upper one.
+        (lambda u: np.where(u[:, 0] > 1.645, 0.7, np.nextafter(0.7, 0)), 0.7, 0.05),
     ],
-    ids=["all equal", "equal at the top", "equal below"],
+    ids=["all equal", "equal at the top", "equal below", "neighbours"],
 )
 def test_equal_errors_end_it_with_their_probability(response, level, probability):
     """An error that saturates has no level above it, and its probability stays a number."""
@@ -89,6 +91,20 @@ def test_equal_errors_end_it_with_their_probability(response, level, probability
     assert result.levels[-1] == level
     assert result.probability == pytest.approx(probability, rel=0.3)
     assert result.probability <= result.upper <= 1
+
+
+def test_a_level_below_infinite_responses_is_finite():
+    """99 of 995 arms fail: fewer than a tenth of them, and as many as a level lets through."""
+    u = np.random.default_rng((0, 4)).standard_normal((1000, 2))[:, 0]
+    fifth, first = np.sort(u)[[5, -99]]
+
+    def response(u):
+        finite = np.where(u[:, 0] < fifth, -np.inf, u[:, 1] - 10)
+        return np.where(u[:, 0] < first, finite, np.inf)
+
+    result = subset_simulation(response, 2.0, 2, 1e-6, 0)
+    assert np.isfinite(result.levels).all()
+    assert result.probability == pytest.approx(99 / 995, rel=0.05)
 
 
 def test_samples_of_normals_have_the_distribution_of_certify():
