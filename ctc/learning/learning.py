@@ -46,8 +46,10 @@ class Learning(Shown, Saved, Frozen):
         Share of the missing torque by which the learnt torque is corrected.
     diverged : bool
         Whether the last correction did not help, and was taken back.
-    before, wanted : (K n,) numpy.ndarray
-        Terms of the torque before the last correction, and of that correction at gain 1.
+    before : (K n,) numpy.ndarray
+        Terms of the learnt torque before the last correction.
+    wanted : (K n,) numpy.ndarray
+        Terms of the whole correction, of which the share `gain` is added.
     settings : LearnSettings
         Of the last call; the next one keeps them.
     """
@@ -189,11 +191,13 @@ def mended(
     # 2. The prior: the identification's covariance, or relative standard deviations.
     model_values = np.concatenate([arm.f, drive.joint_viscous(), drive.joint_coulomb()])
     P = prior
-    # Zero prior variance of a friction level of zero keeps friction out that the model does not
-    # have.
     if P is None:
+        # A level of zero gets zero prior variance: friction that the model lacks is not added.
         deviations = settings.f_deviation, settings.friction_deviation
         P = np.diag((np.repeat(deviations, [p, 2 * n]) * model_values) ** 2)
+    # Where nothing was learnt, the torque has no residual that would show its noise.
+    if not target.any():
+        return Mending(arm, rig, P[:p, :p], np.sqrt(np.diag(P)[p:]).reshape(2, -1), 0.0)
 
     # 3. The smoother correlates neighbouring samples: `alike` of them count as one independent
     # sample. The variance of the residual is the noise, and depends on the solution in turn: three

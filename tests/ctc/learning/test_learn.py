@@ -8,7 +8,7 @@ from scipy.linalg import expm
 
 from ctc import ComputedTorque, LearnSettings, LearntTorque, certify, evaluate, learn
 from ctc.learning import exponentials, path_plant, standing
-from plant import PID, Elasticity, Harmonics, P, puma560, simulate
+from plant import PID, Elasticity, Harmonics, P, PointToPoint, puma560, simulate
 
 ARM, RIG, PATH = puma560.literature_arm(1.5), puma560.rig(), puma560.reference()
 
@@ -147,6 +147,19 @@ def test_a_correction_that_does_not_help_is_taken_back(learnt, log):
     assert result.gain == pytest.approx(0.35)
     assert np.allclose(result.law.terms, 0.5 * learnt.law.terms)
     assert "taken back" in str(result)
+    assert_prior(result)
+
+
+def assert_prior(result):
+    """Nothing is learnt: the arm and its uncertainty are those before."""
+    drive = BELIEVED.drive
+    np.testing.assert_array_equal(result.arm.f, MODEL.f)
+    assert result.rig == BELIEVED
+    np.testing.assert_allclose(np.diag(result.covariance), (0.05 * MODEL.f) ** 2)
+    levels = [drive.joint_viscous(), drive.joint_coulomb()]
+    np.testing.assert_allclose(result.friction_std, 0.2 * np.array(levels))
+    assert result.rest == 0
+    assert result.uncertainty.friction == pytest.approx(0.2)
 
 
 def test_where_all_is_left_out_nothing_is_mended(learnt, log):
@@ -159,6 +172,7 @@ def test_where_all_is_left_out_nothing_is_mended(learnt, log):
         found=MODEL,
     )
     assert not result.missing
+    assert_prior(result)
     assert "fast hardware" in result.left_out[0]
     assert "mended" not in str(result)
     assert "mended" in str(learnt)
@@ -260,6 +274,9 @@ def test_bad_input(learnt, log):
     refused("Identification or its arm", LAW, BELIEVED, PATH, log, found="x")
     short = Harmonics(period=RIG.period, offset=(0, 0), cosine=((0,), (0,)), sine=((0,), (0,)))
     refused("last longer than the period", LAW, BELIEVED, short, log)
+    begin = PATH([0.0]).q[0]
+    still = PointToPoint(start=begin, goal=begin, duration=0.05)
+    refused("reference must move", LAW, BELIEVED, still, simulate(ARM, RIG, LAW, still))
     refused("The order is law, rig", LAW, PATH, BELIEVED, log)
     refused("reference must be", LAW, BELIEVED, 3, log)
     other = dataclasses.replace(
