@@ -88,16 +88,11 @@ class Learning(Shown, Saved, Frozen):
     @property
     def uncertainty(self) -> Uncertainty:
         """Of the mended arm and friction, for ``certify(result.arm, result.rig, ...)``."""
-        levels = self._friction_levels
-        # Where the model has no friction, a share of it is undefined: it counts as zero.
-        shares = np.divide(self.friction_std, levels, out=np.zeros_like(levels), where=levels > 0)
+        levels = _friction_levels(self.rig)
+        # A level of zero has no share of its own: it counts as wholly uncertain, or as known.
+        shares = np.sign(self.friction_std)
+        np.divide(self.friction_std, levels, out=shares, where=levels > 0)
         return Uncertainty(covariance=self.covariance, friction=float(min(shares.max(), 1.0)))
-
-    @property
-    def _friction_levels(self) -> Floats:
-        """Viscous and Coulomb friction (2, n) of the mended rig, joint side."""
-        drive = self.rig.drive
-        return np.array([drive.joint_viscous(), drive.joint_coulomb()])
 
     def _short(self) -> str:
         if self.diverged:
@@ -129,12 +124,19 @@ class Learning(Shown, Saved, Frozen):
             return
         std = np.sqrt(np.diag(self.covariance))
         lines = [*zip(self.arm.dynamics.short_names, self.arm.f, std, strict=True)]
+        levels = _friction_levels(self.rig)
         for i, kind in enumerate(("viscous", "Coulomb")):
             names = [f"{kind}, {label}" for label in self.rig.joint_labels]
-            lines += zip(names, self._friction_levels[i], self.friction_std[i], strict=True)
+            lines += zip(names, levels[i], self.friction_std[i], strict=True)
         rows = [[name, f"{value:.4g}", f"{deviation:.2g}"] for name, value, deviation in lines]
         yield Table(("mended", "value", "std"), rows)
         yield f"Neither f nor friction: {self.rest:.2g} N m rms of the learnt torque."
+
+
+def _friction_levels(rig: Rig) -> Floats:
+    """Viscous and Coulomb friction (2, n), joint side, without what a friction curve adds."""
+    drive = rig.drive
+    return np.array([drive.joint_viscous(), drive.coulomb * np.abs(drive.gear)])
 
 
 def share(missing: Floats, rig: Rig) -> float:
@@ -189,7 +191,7 @@ def mended(
     target = learnt[moves]
 
     # 2. The prior: the identification's covariance, or relative standard deviations.
-    model_values = np.concatenate([arm.f, drive.joint_viscous(), drive.joint_coulomb()])
+    model_values = np.concatenate([arm.f, *_friction_levels(rig)])
     P = prior
     if P is None:
         # A level of zero gets zero prior variance: friction that the model lacks is not added.
@@ -213,8 +215,7 @@ def mended(
         variance = float(np.mean((target - rows @ change) ** 2)) + 1e-12
 
     # 4. Back to the motor side. Without the limit at zero, noise could give negative friction,
-    # which would drive the joint. The change is added to `drive.coulomb` itself, since the joint's
-    # level also contains the friction curve.
+    # which would drive the joint.
     values = model_values + change
     corrected = dataclasses.replace(
         drive,

@@ -8,18 +8,21 @@ from scipy.linalg import expm
 
 from ctc import ComputedTorque, LearnSettings, LearntTorque, certify, evaluate, learn
 from ctc.learning import exponentials, path_plant, standing
-from plant import PID, Elasticity, Harmonics, P, PointToPoint, puma560, simulate
+from plant import PID, Elasticity, FrictionCurve, Harmonics, P, PointToPoint, puma560, simulate
 
 ARM, RIG, PATH = puma560.literature_arm(1.5), puma560.rig(), puma560.reference()
 
 
+def with_drive(rig, **changes):
+    """The rig with another drive."""
+    return dataclasses.replace(rig, drive=dataclasses.replace(rig.drive, **changes))
+
+
 def off(rig, factor):
     """A rig whose friction is off."""
-    drive = rig.drive
-    drive = dataclasses.replace(
-        drive, coulomb=factor * drive.coulomb, viscous=factor * drive.viscous
+    return with_drive(
+        rig, coulomb=factor * rig.drive.coulomb, viscous=factor * rig.drive.viscous
     )
-    return dataclasses.replace(rig, drive=drive)
 
 
 MODEL = ARM.dynamics.arm(ARM.f * (1 + 0.03 * np.random.default_rng(0).choice([-1, 1], 9)))
@@ -110,6 +113,25 @@ def test_friction_is_uncertain_by_no_more_than_itself(learnt):
     for factor, share in ((0.3, 0.3), (5.0, 1.0)):
         unsure = dataclasses.replace(learnt, friction_std=factor * levels)
         assert unsure.uncertainty.friction == pytest.approx(share)
+
+
+def test_friction_of_zero_that_is_uncertain_is_so_by_itself(learnt):
+    """Noise can hide a level, whose share would otherwise seem to be known."""
+    zero = with_drive(learnt.rig, coulomb=(0.0, 0.1))
+    known = np.array([zero.drive.joint_viscous(), zero.drive.joint_coulomb()]) * 0.1
+    hidden = known + [[0, 0], [0.01, 0]]
+    for std, share in ((known, 0.1), (hidden, 1.0)):
+        result = dataclasses.replace(learnt, rig=zero, friction_std=std)
+        assert result.uncertainty.friction == pytest.approx(share)
+
+
+def test_breakaway_is_no_part_of_the_level_that_is_uncertain(learnt):
+    """Samples of certify scale the drive's Coulomb level alone."""
+    excess = FrictionCurve(offset=(0, 0), breakaway=(0.1, 0.1), speed=(1.0, 1.0))
+    std = np.array([(0, 0), 0.3 * learnt.rig.drive.joint_coulomb()])
+    rig = with_drive(learnt.rig, curve=excess)
+    result = dataclasses.replace(learnt, rig=rig, friction_std=std)
+    assert result.uncertainty.friction == pytest.approx(0.3)
 
 
 def test_the_running_law_adds_the_torque(learnt):
