@@ -140,11 +140,11 @@ def _friction_levels(rig: Rig) -> Floats:
 
 
 def share(missing: Floats, rig: Rig) -> float:
-    """Missing torque (n,) as a share of the amplifiers' limits, the largest of the joints."""
-    # Amplifiers limit shafts, so that a coupled arm is compared there.
-    return float(
-        np.max(np.abs(rig.drive.coupling.shaft_torque(missing)) / np.abs(rig.drive.torque_limit()))
-    )
+    """Missing torque (n,), rms, as a share of the amplifiers' limits, the largest of the joints."""
+    # Amplifiers limit shafts, so that a coupled arm is compared there. The rms of a sum is at most
+    # the sum of the rms, which opposite phases reach.
+    shafts = np.abs(rig.drive.coupling.shaft_torque(np.diag(missing))).sum(axis=0)
+    return float(np.max(shafts / np.abs(rig.drive.torque_limit())))
 
 
 class Mending(NamedTuple):

@@ -8,7 +8,7 @@ from scipy.linalg import expm
 
 from ctc import ComputedTorque, LearnSettings, LearntTorque, certify, evaluate, learn
 from ctc.learning import exponentials, path_plant, standing
-from plant import PID, Elasticity, FrictionCurve, Harmonics, P, PointToPoint, puma560, simulate
+from plant import PID, Coupling, Elasticity, FrictionCurve, Harmonics, P, PointToPoint, puma560, simulate
 
 ARM, RIG, PATH = puma560.literature_arm(1.5), puma560.rig(), puma560.reference()
 
@@ -132,6 +132,15 @@ def test_breakaway_is_no_part_of_the_level_that_is_uncertain(learnt):
     rig = with_drive(learnt.rig, curve=excess)
     result = dataclasses.replace(learnt, rig=rig, friction_std=std)
     assert result.uncertainty.friction == pytest.approx(0.3)
+
+
+@pytest.mark.parametrize(("matrix", "converged"), [((), True), (((1, 1), (0, 1)), False)])
+def test_torques_of_two_joints_add_up_on_a_shaft(learnt, matrix, converged):
+    """Torques of opposite phase have equal rms, whose difference on the shaft would be zero."""
+    limit = np.abs(learnt.rig.drive.torque_limit()).min()
+    rig = with_drive(learnt.rig, coupling=Coupling(matrix=matrix))
+    result = dataclasses.replace(learnt, rig=rig, missing=(np.full(2, 0.9e-3 * limit),))
+    assert result.converged == converged
 
 
 def test_the_running_law_adds_the_torque(learnt):
