@@ -8,7 +8,17 @@ from scipy.linalg import expm
 
 from ctc import ComputedTorque, LearnSettings, LearntTorque, certify, evaluate, learn
 from ctc.learning import exponentials, path_plant, standing
-from plant import PID, Coupling, Elasticity, FrictionCurve, Harmonics, P, PointToPoint, puma560, simulate
+from plant import (
+    PID,
+    Coupling,
+    Elasticity,
+    FrictionCurve,
+    Harmonics,
+    P,
+    PointToPoint,
+    puma560,
+    simulate,
+)
 
 ARM, RIG, PATH = puma560.literature_arm(1.5), puma560.rig(), puma560.reference()
 
@@ -20,9 +30,7 @@ def with_drive(rig, **changes):
 
 def off(rig, factor):
     """A rig whose friction is off."""
-    return with_drive(
-        rig, coulomb=factor * rig.drive.coulomb, viscous=factor * rig.drive.viscous
-    )
+    return with_drive(rig, coulomb=factor * rig.drive.coulomb, viscous=factor * rig.drive.viscous)
 
 
 MODEL = ARM.dynamics.arm(ARM.f * (1 + 0.03 * np.random.default_rng(0).choice([-1, 1], 9)))
