@@ -17,7 +17,7 @@ import numpy as np
 from ctc.certification.certificate import Certificate
 from ctc.certification.certificates import Certificates
 from ctc.certification.plants import Plants
-from ctc.certification.rare import rare_failure
+from ctc.certification.rare import rare_failure, require_numbers
 from ctc.certification.samples import draw
 from ctc.certification.uncertainty import Uncertainty
 from ctc.verdict import SETTLED, require_followed
@@ -330,6 +330,8 @@ def certify(
         settings=() if rare is None else (rare, confidence),
     )
     _require_probabilities(task.within, confidence, rare)
+    if rare is not None:
+        require_numbers(task.uncertainty)
     # 2. Simulate the same samples along each motion.
     motions = dict[str, tuple[Reference, Runs, dict[str, Any], Seen | None]]()
     driven = dict[str, tuple[Reference, dict[str, Any]]]()

@@ -18,6 +18,7 @@ from typing import Any
 
 import numpy as np
 
+from ctc.certification.uncertainty import Uncertainty
 from plant import Law, Reference
 from plant.parts import Floats, Frozen, frozen, frozen_settings, kept
 
@@ -138,7 +139,7 @@ def subset_simulation(
 
     # 1. The first population is an ordinary Monte Carlo sample.
     u = random.standard_normal((population, numbers))
-    g = response(u)
+    g = _errors(response, u)
     evaluations = population
     steps = 1
     u = u[g > -np.inf]
@@ -167,8 +168,8 @@ def subset_simulation(
                 probability=float(probability),
                 variation=float(np.sqrt(squares)),
                 upper=float(upper),
-                below=below and not reached,
-                stuck=stuck,
+                below=bool(below and not reached),
+                stuck=stuck and not below,
                 levels=np.array(levels),
                 evaluations=evaluations,
             )
@@ -226,7 +227,7 @@ def _population(
     while len(states) < steps:
         # The proposal keeps the standard normal distribution, so only the level rejects.
         proposed = np.sqrt(1 - width**2) * u + width * random.standard_normal(u.shape)
-        proposed_g = response(proposed)
+        proposed_g = _errors(response, proposed)
         accepted = proposed_g > level
         u = np.where(accepted[:, None], proposed, u)
         g = np.where(accepted, proposed_g, g)
@@ -245,6 +246,17 @@ def _population(
             states.append(u)
             responses.append(g)
     return np.concatenate(states), np.concatenate(responses), width, count * len(g)
+
+
+def _errors(response: Callable[[Floats], Floats], u: Floats) -> Floats:
+    """Responses (P,); one that is NaN would pass for an error below every level."""
+    g = response(u)
+    if np.isnan(g).any():
+        raise ValueError(
+            f"the response must be a number for each sample; got NaN for {np.isnan(g).sum()} of"
+            f" {len(g)}. Return inf where the error has no limit."
+        )
+    return g
 
 
 def _square(beyond: Any, steps: int) -> float:
@@ -304,6 +316,18 @@ class Normals:
         return np.asarray(low + (high - low) * ndtr(self.standard_normal(shape)))
 
 
+def require_numbers(uncertainty: Uncertainty) -> None:
+    """Refuse uncertainties that no number of a sample stands for."""
+    # A response must be a function of u alone, else a chain could not return to a state.
+    for name in _NOT_NUMBERS:
+        value = getattr(uncertainty, name)
+        if value is not None and np.any(np.asarray(value) != 0):
+            raise ValueError(
+                f"rare needs uncertainties with one number for each sample; {name} has none. Leave"
+                f" out {name} or rare."
+            )
+
+
 def rare_failure(
     task: Any,
     law: Law,
@@ -315,14 +339,6 @@ def rare_failure(
 
     The probability is over the samples of a task.
     """
-    # A response must be a function of u alone, else a chain could not return to a state.
-    for name in _NOT_NUMBERS:
-        value = getattr(task.uncertainty, name)
-        if value is not None and np.any(np.asarray(value) != 0):
-            raise ValueError(
-                f"rare needs uncertainties with one number for each sample; {name} has none. Leave"
-                f" out {name} or rare."
-            )
 
     def response(u: Floats) -> Floats:
         normals = Normals(u)

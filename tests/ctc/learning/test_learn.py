@@ -127,7 +127,7 @@ def test_friction_of_zero_that_is_uncertain_is_so_by_itself(learnt):
     """Noise can hide a level, whose share would otherwise seem to be known."""
     zero = with_drive(learnt.rig, coulomb=(0.0, 0.1))
     known = np.array([zero.drive.joint_viscous(), zero.drive.joint_coulomb()]) * 0.1
-    hidden = known + [[0, 0], [0.01, 0]]
+    hidden = np.add(known, [[0, 0], [0.01, 0]])
     for std, share in ((known, 0.1), (hidden, 1.0)):
         result = dataclasses.replace(learnt, rig=zero, friction_std=std)
         assert result.uncertainty.friction == pytest.approx(share)
