@@ -62,8 +62,8 @@ def learn(
     Raises
     ------
     ValueError
-        No arm; logs of another path, rig or law, without torque, too short, or beyond the
-        amplifiers' limit.
+        No arm; a path on which no joint moves; logs of another path, rig or law, without torque,
+        too short, or beyond the amplifiers' limit.
 
     Notes
     -----
