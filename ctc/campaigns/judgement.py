@@ -44,7 +44,8 @@ class JudgementSettings:
     line : int
         Earlier logs of a robot from which on a line is laid through them.
     relative : float
-        Standard deviations that the earlier value must exceed to give the change as a percentage.
+        A change is given as a percentage only where the earlier value exceeds so many standard
+        deviations of the difference.
     """
 
     earliest: float = 1e8
@@ -83,13 +84,11 @@ def logged(results: Sequence[Any], notes: Mapping[str, Any] | None) -> tuple[Log
     # Notes of the call go before those of the records.
     remarks = [{**(record.notes or {}), **(notes or {})} for record in source.records]
 
-    # 1. The notes must name one robot and a time.
-    # As texts: numbers of robots and their names may be mixed in one fleet.
-    robots = {str(remark.get("robot", "")) for remark in remarks}
-    missing = "time" if "time" not in remarks[0] else ""
-    if robots == {""}:
-        missing = "robot"
-    if missing:
+    # 1. The notes of all records must name one robot, and those of one record a time.
+    robots = {_robot_of(remark) for remark in remarks}
+    times = [remark["time"] for remark in remarks if "time" in remark]
+    if "" in robots or not times:
+        missing = "robot" if "" in robots else "time"
         raise ValueError(
             f"the record must have notes of robot and time; {missing} is missing. {_NOTES}"
         )
@@ -110,7 +109,16 @@ def logged(results: Sequence[Any], notes: Mapping[str, Any] | None) -> tuple[Log
     std = np.sqrt(np.diag(source.covariance)).tolist()
     pairs = zip(fitted.tolist(), std, strict=True)
     values = dict(zip(source.names, pairs, strict=True))
-    return Logged(robots.pop(), seconds_of(remarks[0]["time"]), temperature, values), source
+    return Logged(robots.pop(), seconds_of(times[0]), temperature, values), source
+
+
+def _robot_of(remark: Mapping[str, Any]) -> str:
+    """Name of the robot in notes; "" where they have none."""
+    robot = remark.get("robot")
+    # A record keeps the number 7 as 7.0; as text it is "7", as in names of files.
+    if isinstance(robot, float) and robot.is_integer():
+        robot = int(robot)
+    return "" if robot is None else str(robot)
 
 
 def _source_of(results: Sequence[Any]) -> tuple[Source, Floats]:
@@ -146,11 +154,13 @@ def _source_of(results: Sequence[Any]) -> tuple[Source, Floats]:
 
 def seconds_of(time: Any) -> float:
     """Unix seconds of a note: a number, or a date of ISO 8601, of UTC where it has no zone."""
-    try:
-        day = time if isinstance(time, datetime.datetime) else datetime.datetime.fromisoformat(time)
-        return (day if day.tzinfo else day.replace(tzinfo=datetime.UTC)).timestamp()
-    except (TypeError, ValueError):
-        pass
+    # Of a longer text of digits, `fromisoformat` would take the ninth for a separator.
+    dated = isinstance(time, str) and not (time.isdigit() and len(time) > len("20260512"))
+    if dated or isinstance(time, datetime.date):
+        with contextlib.suppress(ValueError):
+            # A date and its text are the same instant.
+            day = datetime.datetime.fromisoformat(str(time))
+            return (day if day.tzinfo else day.replace(tzinfo=datetime.UTC)).timestamp()
     # Names of files give numbers as texts.
     with contextlib.suppress(TypeError, ValueError):
         if JUDGEMENT.earliest <= float(time) < JUDGEMENT.latest:
@@ -180,11 +190,14 @@ class Change(NamedTuple):
     def __str__(self) -> str:
         # A drift has a beginning, a step has none.
         since = "" if self.since is None else f" since {day_of(self.since)}"
-        # A percentage of a value that noise hides would be arbitrary.
-        if abs(self.before) > JUDGEMENT.relative * self.std:
+        # A percentage would be arbitrary of a value that noise hides, or whose sign has changed.
+        certain = abs(self.before) > JUDGEMENT.relative * self.std
+        if certain and self.before * self.after > 0:
             growth = abs(self.after) - abs(self.before)
             direction = "up" if growth > 0 else "down"
-            return f"{self.label} {direction} {100 * abs(growth / self.before):.2g} %{since}"
+            percentage = 100 * abs(growth / self.before)
+            figure = f"{percentage:.2g}" if percentage < 10 else f"{percentage:.0f}"
+            return f"{self.label} {direction} {figure} %{since}"
         difference = f"{self.after - self.before:+.2g} {self.unit}".rstrip()
         return f"{self.label} changed by {difference}{since}"
 
@@ -282,12 +295,12 @@ def judged(log: Logged, effects: Sequence[Effect], level: float) -> Judgement:
     """Judge a log against the earlier ones of the same robot."""
     tests = list[Change]()
     unknown = "it has no log before this one of the same parameters"
-    # Parameters of another model, or of another method, have no past here.
+    # Parameters are compared by name, whatever model or method they were identified with.
     for effect in effects:
         of = effect.of
-        # A parameter that this log does not have counts as assumed.
+        # Parameters that this log lacks, or that were assumed (no standard deviation), are not
+        # compared.
         _, std = log.values.get(of.name, (0.0, 0.0))
-        # A value that was assumed has no standard deviation, and nothing to compare.
         if log.robot not in of.robots or not 0 < std < np.inf:
             continue
         past = (of.robot == of.robots.index(log.robot)) & (of.time < log.time)

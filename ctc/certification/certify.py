@@ -17,7 +17,7 @@ import numpy as np
 from ctc.certification.certificate import Certificate
 from ctc.certification.certificates import Certificates
 from ctc.certification.plants import Plants
-from ctc.certification.rare import rare_failure
+from ctc.certification.rare import rare_failure, require_numbers
 from ctc.certification.samples import draw
 from ctc.certification.uncertainty import Uncertainty
 from ctc.verdict import SETTLED, require_followed
@@ -329,7 +329,7 @@ def certify(
         # Only the simulation of rare failures ends by the confidence; all else is made of the runs.
         settings=() if rare is None else (rare, confidence),
     )
-    _require_probabilities(task.within, confidence, rare)
+    _require_probabilities(task, confidence, rare)
     # 2. Simulate the same samples along each motion.
     motions = dict[str, tuple[Reference, Runs, dict[str, Any], Seen | None]]()
     driven = dict[str, tuple[Reference, dict[str, Any]]]()
@@ -395,16 +395,19 @@ def _counted_from(rig: Rig, seconds: float, after: float | None) -> float:
     return min(settling, seconds / 2)
 
 
-def _require_probabilities(within: float, confidence: float, rare: float | None) -> None:
-    """Refuse a negative `within`, and a `confidence` or `rare` outside its range."""
+def _require_probabilities(task: Task, confidence: float, rare: float | None) -> None:
+    """Refuse `within`, `confidence` or `rare` outside its range, and what `rare` cannot take."""
     # A bound below 50 % confidence would lie below the estimate.
     confidence = real("confidence", confidence, "Give a share, such as 0.95.")
-    if within < 0 or not 0.5 < confidence < 1:
+    if task.within < 0 or not 0.5 < confidence < 1:
         raise ValueError(
-            f"within must not be negative and confidence between 0.5 and 1; got {within:g} and"
-            f" {confidence:g}. The promise is 1 pulse, the usual confidence 0.95."
+            f"within must not be negative and confidence between 0.5 and 1; got {task.within:g}"
+            f" and {confidence:g}. The promise is 1 pulse, the usual confidence 0.95."
         )
-    if rare is not None and not 0 < real("rare", rare, "Give a probability, such as 1e-6.") < 1:
+    if rare is None:
+        return
+    if not 0 < real("rare", rare, "Give a probability, such as 1e-6.") < 1:
         raise ValueError(
             f"rare must be between 0 and 1; got {rare:g}. Give a probability, such as 1e-6."
         )
+    require_numbers(task.uncertainty)

@@ -18,6 +18,7 @@ from typing import Any
 
 import numpy as np
 
+from ctc.certification.uncertainty import Uncertainty
 from plant import Law, Reference
 from plant.parts import Floats, Frozen, frozen, frozen_settings, kept
 
@@ -39,9 +40,9 @@ class SubsetSettings:
         Accepted steps of a chain between two states that are kept. With half of it the spread over
         seeds exceeds the coefficient of variation that is stated.
     trial_steps : int
-        Steps after which chains that hardly moved end the simulation.
+        Steps after which the chains are tested for being stuck.
     stuck_rate : float
-        Acceptance rate of these steps below which they do.
+        Mean acceptance rate over these steps below which they are.
     acceptance : float
         Acceptance rate to which the width of the steps is adapted (Papaioannou et al.).
     initial_width, narrowest, widest : float
@@ -71,16 +72,16 @@ class Rare(Frozen):
     """Probability that the largest error before rounding exceeds the limit, by subset simulation.
 
     Where the counts exceed the limit, this error does so, too. So its probability bounds that of a
-    `Certificate` from above. It is larger: reference and counts are cut to whole pulses, and an
-    error of one count can be one of almost two pulses before that.
+    `Certificate` from above. The bound is loose: rounding of reference and counts can hide almost
+    one pulse, so an error of one count may be almost two pulses before rounding.
 
     `asked`: probability that was to be shown. `probability`: the estimate. Where the simulation
     ended before it reached the limit (`below`, `stuck`), it is that of the highest level.
     `variation`: coefficient of variation of the estimate. `upper`: one-sided upper bound at the
     confidence, for a log-normal estimate. `below`: whether the upper bound of a level fell below
     `asked` before a level reached the limit. `stuck`: whether the simulation ended before either,
-    because its chains no longer moved or all errors were equal. The error there is decided by none
-    of the uncertain numbers but, for example, by the chance of rounding.
+    because its chains no longer moved or all errors were equal. Beyond that level no uncertain
+    number changes the error; rounding, for example, decides it.
     `levels` (k,): of the largest error before rounding [pulses]. `evaluations`: simulated samples.
     """
 
@@ -138,7 +139,7 @@ def subset_simulation(
 
     # 1. The first population is an ordinary Monte Carlo sample.
     u = random.standard_normal((population, numbers))
-    g = response(u)
+    g = _errors(response, u)
     evaluations = population
     steps = 1
     u = u[g > -np.inf]
@@ -167,13 +168,13 @@ def subset_simulation(
                 probability=float(probability),
                 variation=float(np.sqrt(squares)),
                 upper=float(upper),
-                below=below and not reached,
-                stuck=stuck,
+                below=bool(below and not reached),
+                stuck=stuck and not below,
                 levels=np.array(levels),
                 evaluations=evaluations,
             )
-        # 3. The level lies between two neighbours, so that exactly the share exceeds it; of equal
-        # responses, all or none do.
+        # 3. The level is the midpoint between two distinct responses, so that about `level_share`
+        # of the population exceeds it; equal responses are never split.
         order = np.argsort(-g, kind="stable")
         above = int(SETTINGS.level_share * len(g))
         distinct = np.unique(g)
@@ -183,7 +184,11 @@ def subset_simulation(
         if stuck:
             levels.append(float(distinct[0]))
             continue
-        level = (distinct[place] + distinct[place - 1]) / 2
+        low, high = distinct[place - 1 : place + 1]
+        level = (low + high) / 2
+        # Between neighbouring numbers, or below infinity, the midpoint may be the upper response.
+        if not level < high:
+            level = low
         above = min(above, int((g > level).sum()))
         probability = probability * (g > level).mean()
         squares = squares + _square(g > level, steps)
@@ -222,7 +227,7 @@ def _population(
     while len(states) < steps:
         # The proposal keeps the standard normal distribution, so only the level rejects.
         proposed = np.sqrt(1 - width**2) * u + width * random.standard_normal(u.shape)
-        proposed_g = response(proposed)
+        proposed_g = _errors(response, proposed)
         accepted = proposed_g > level
         u = np.where(accepted[:, None], proposed, u)
         g = np.where(accepted, proposed_g, g)
@@ -241,6 +246,17 @@ def _population(
             states.append(u)
             responses.append(g)
     return np.concatenate(states), np.concatenate(responses), width, count * len(g)
+
+
+def _errors(response: Callable[[Floats], Floats], u: Floats) -> Floats:
+    """Responses (P,); one that is NaN would pass for an error below every level."""
+    g = response(u)
+    if np.isnan(g).any():
+        raise ValueError(
+            f"the response must be a number for each sample; got NaN for {np.isnan(g).sum()} of"
+            f" {len(g)}. Return inf where the error has no limit."
+        )
+    return g
 
 
 def _square(beyond: Any, steps: int) -> float:
@@ -300,6 +316,18 @@ class Normals:
         return np.asarray(low + (high - low) * ndtr(self.standard_normal(shape)))
 
 
+def require_numbers(uncertainty: Uncertainty) -> None:
+    """Refuse uncertainties that no number of a sample stands for."""
+    # A response must be a function of u alone, else a chain could not return to a state.
+    for name in _NOT_NUMBERS:
+        value = getattr(uncertainty, name)
+        if value is not None and np.any(np.asarray(value) != 0):
+            raise ValueError(
+                f"rare needs uncertainties with one number for each sample; {name} has none. Leave"
+                f" out {name} or rare."
+            )
+
+
 def rare_failure(
     task: Any,
     law: Law,
@@ -311,14 +339,6 @@ def rare_failure(
 
     The probability is over the samples of a task.
     """
-    # A response must be a function of u alone, else a chain could not return to a state.
-    for name in _NOT_NUMBERS:
-        value = getattr(task.uncertainty, name)
-        if value is not None and np.any(np.asarray(value) != 0):
-            raise ValueError(
-                f"rare needs uncertainties with one number for each sample; {name} has none. Leave"
-                f" out {name} or rare."
-            )
 
     def response(u: Floats) -> Floats:
         normals = Normals(u)

@@ -62,8 +62,8 @@ def learn(
     Raises
     ------
     ValueError
-        No arm; logs of another path, rig or law, without torque, too short, or beyond the
-        amplifiers' limit.
+        No arm; a path on which no joint moves; logs of another path, rig or law, without torque,
+        too short, or beyond the amplifiers' limit.
 
     Notes
     -----
@@ -100,11 +100,10 @@ def learn(
     # The motion and the speeds are needed at the start of each period only; the friction of a rig
     # acts at its shafts, so speeds are those of the shafts.
     # 1. The model along the path, and the torque that the logs were made with.
-    plant = path_plant(arm, rig, reference, count, settings)
     motion = reference(rig.period * np.arange(count))
     speed = rig.drive.coupling.shaft(motion.qd)
-    pulses = rig.encoder.position_in_pulses(np.abs(rig.drive.gear) * speed)
-    moves = np.abs(pulses) > settings.moving_speed
+    moves = _moving(rig, speed, settings.moving_speed)
+    plant = path_plant(arm, rig, reference, count, settings)
     # Up to `highest_frequency` there are two cosines per hertz and second of the path. More terms
     # than samples would not be determined.
     needed = int(2 * settings.highest_frequency * reference.duration)
@@ -275,6 +274,18 @@ def _logs(records: Any, law: Any, rig: Rig, reference: Reference) -> tuple[list[
     if not logs:
         raise ValueError("records must hold a repetition; got none. Give the log of one.")
     return logs, count
+
+
+def _moving(rig: Rig, speed: Floats, least: float) -> Any:
+    """Where (N, n) the shafts move at these speeds [rad/s]; a path without motion is refused."""
+    pulses = np.abs(rig.encoder.position_in_pulses(np.abs(rig.drive.gear) * speed))
+    moves = pulses > least
+    if not moves.any():
+        raise ValueError(
+            f"reference must move a joint faster than moving_speed {least:g} pulses/s; got at most"
+            f" {pulses.max():.2g}. Give a path that moves."
+        )
+    return moves
 
 
 def _model(law: Any, model: Any) -> Arm:

@@ -46,8 +46,10 @@ class Learning(Shown, Saved, Frozen):
         Share of the missing torque by which the learnt torque is corrected.
     diverged : bool
         Whether the last correction did not help, and was taken back.
-    before, wanted : (K n,) numpy.ndarray
-        Terms of the torque before the last correction, and of that correction at gain 1.
+    before : (K n,) numpy.ndarray
+        Terms of the learnt torque before the last correction.
+    wanted : (K n,) numpy.ndarray
+        Terms of the whole correction, of which the share `gain` is added.
     settings : LearnSettings
         Of the last call; the next one keeps them.
     """
@@ -86,16 +88,11 @@ class Learning(Shown, Saved, Frozen):
     @property
     def uncertainty(self) -> Uncertainty:
         """Of the mended arm and friction, for ``certify(result.arm, result.rig, ...)``."""
-        levels = self._friction_levels
-        # Where the model has no friction, a share of it is undefined: it counts as zero.
-        shares = np.divide(self.friction_std, levels, out=np.zeros_like(levels), where=levels > 0)
+        levels = _friction_levels(self.rig)
+        # A level of zero has no share of its own: it counts as wholly uncertain, or as known.
+        shares = np.sign(self.friction_std)
+        np.divide(self.friction_std, levels, out=shares, where=levels > 0)
         return Uncertainty(covariance=self.covariance, friction=float(min(shares.max(), 1.0)))
-
-    @property
-    def _friction_levels(self) -> Floats:
-        """Viscous and Coulomb friction (2, n) of the mended rig, joint side."""
-        drive = self.rig.drive
-        return np.array([drive.joint_viscous(), drive.joint_coulomb()])
 
     def _short(self) -> str:
         if self.diverged:
@@ -127,20 +124,27 @@ class Learning(Shown, Saved, Frozen):
             return
         std = np.sqrt(np.diag(self.covariance))
         lines = [*zip(self.arm.dynamics.short_names, self.arm.f, std, strict=True)]
+        levels = _friction_levels(self.rig)
         for i, kind in enumerate(("viscous", "Coulomb")):
             names = [f"{kind}, {label}" for label in self.rig.joint_labels]
-            lines += zip(names, self._friction_levels[i], self.friction_std[i], strict=True)
+            lines += zip(names, levels[i], self.friction_std[i], strict=True)
         rows = [[name, f"{value:.4g}", f"{deviation:.2g}"] for name, value, deviation in lines]
         yield Table(("mended", "value", "std"), rows)
         yield f"Neither f nor friction: {self.rest:.2g} N m rms of the learnt torque."
 
 
+def _friction_levels(rig: Rig) -> Floats:
+    """Viscous and Coulomb friction (2, n), joint side, without what a friction curve adds."""
+    drive = rig.drive
+    return np.array([drive.joint_viscous(), drive.coulomb * np.abs(drive.gear)])
+
+
 def share(missing: Floats, rig: Rig) -> float:
-    """Missing torque (n,) as a share of the amplifiers' limits, the largest of the joints."""
-    # Amplifiers limit shafts, so that a coupled arm is compared there.
-    return float(
-        np.max(np.abs(rig.drive.coupling.shaft_torque(missing)) / np.abs(rig.drive.torque_limit()))
-    )
+    """Missing torque (n,), rms, as a share of the amplifiers' limits, the largest of the joints."""
+    # Amplifiers limit shafts, so that a coupled arm is compared there. The rms of a sum is at most
+    # the sum of the rms, which opposite phases reach.
+    shafts = np.abs(rig.drive.coupling.shaft_torque(np.diag(missing))).sum(axis=0)
+    return float(np.max(shafts / np.abs(rig.drive.torque_limit())))
 
 
 class Mending(NamedTuple):
@@ -187,13 +191,15 @@ def mended(
     target = learnt[moves]
 
     # 2. The prior: the identification's covariance, or relative standard deviations.
-    model_values = np.concatenate([arm.f, drive.joint_viscous(), drive.joint_coulomb()])
+    model_values = np.concatenate([arm.f, *_friction_levels(rig)])
     P = prior
-    # Zero prior variance of a friction level of zero keeps friction out that the model does not
-    # have.
     if P is None:
+        # A level of zero gets zero prior variance: friction that the model lacks is not added.
         deviations = settings.f_deviation, settings.friction_deviation
         P = np.diag((np.repeat(deviations, [p, 2 * n]) * model_values) ** 2)
+    # Where nothing was learnt, the torque has no residual that would show its noise.
+    if not target.any():
+        return Mending(arm, rig, P[:p, :p], np.sqrt(np.diag(P)[p:]).reshape(2, -1), 0.0)
 
     # 3. The smoother correlates neighbouring samples: `alike` of them count as one independent
     # sample. The variance of the residual is the noise, and depends on the solution in turn: three
@@ -209,8 +215,7 @@ def mended(
         variance = float(np.mean((target - rows @ change) ** 2)) + 1e-12
 
     # 4. Back to the motor side. Without the limit at zero, noise could give negative friction,
-    # which would drive the joint. The change is added to `drive.coulomb` itself, since the joint's
-    # level also contains the friction curve.
+    # which would drive the joint.
     values = model_values + change
     corrected = dataclasses.replace(
         drive,

@@ -4,6 +4,7 @@ import contextlib
 import copy
 import csv
 import dataclasses
+import datetime
 import sqlite3
 from concurrent.futures import ThreadPoolExecutor
 from functools import cache
@@ -13,8 +14,8 @@ import numpy as np
 import pytest
 
 from ctc import Fleet
-from ctc.campaigns import Values, effect_of
-from identification import fit_torque
+from ctc.campaigns import Change, Values, effect_of, seconds_of
+from identification import fit_torque, identify
 from plant import Record, puma560, read_records, simulate
 from plant.parts import from_plain, to_plain
 
@@ -33,6 +34,18 @@ def long_log():
 @cache
 def fit():
     return fit_torque(ARM.dynamics, long_log(), band=20.0, unknown=NAMES)
+
+
+@cache
+def identified():
+    record = simulate(ARM, RIG, puma560.p_law(), PATH, duration=0.5)
+    return identify(ARM.dynamics, record, method="equation_error", progress=False)
+
+
+def several(*notes):
+    """An identification of several records, with these notes."""
+    records = (dataclasses.replace(log(i), notes=each) for i, each in enumerate(notes))
+    return dataclasses.replace(identified(), records=tuple(records))
 
 
 def found(values):
@@ -297,6 +310,9 @@ def test_a_log_does_not_speak_for_itself(tmp_path):
 @pytest.mark.parametrize(("change", "said"), [
     (lambda record, fit: (dataclasses.replace(record, notes={"time": 0.0}), fit), "robot is missing"),
     (lambda record, fit: (dataclasses.replace(record, notes={"robot": "a"}), fit), "time is missing"),
+    (lambda record, fit: (several({"robot": "a", "time": 5e8}, {"time": 5e8}),), "robot is missing"),
+    (lambda record, fit: (several({"robot": "a"}, {"robot": "a"}),), "time is missing"),
+    (lambda record, fit: (several({"robot": "a", "time": 5e8}, {"robot": "b"}),), "got a, b"),
     (lambda record, fit: (dataclasses.replace(record, notes={"robot": "a", "time": "May"}), fit), "time must be Unix"),
     (lambda record, fit: (dataclasses.replace(record, notes={"robot": "a", "time": 17e17}), fit), "time must be Unix"),
     (lambda record, fit: (fit,), "got TorqueFit"),
@@ -307,6 +323,63 @@ def test_what_is_no_log_of_a_robot_is_refused(tmp_path, change, said):
     with pytest.raises(ValueError, match=said):
         fleet.add(*change(log(0), fit()))
     assert len(fleet) == 0
+
+
+@pytest.mark.parametrize("given", [7, 7.0, np.int64(7), "7"])
+@pytest.mark.parametrize("by_call", [True, False])
+def test_a_robot_has_one_name_however_it_is_given(tmp_path, given, by_call):
+    """A record keeps a number as 7.0."""
+    fleet = Fleet(tmp_path / "fleet.sqlite")
+    record = log(0, "other" if by_call else given)
+    fleet.add(record, fit(), notes={"robot": given} if by_call else None)
+    assert fleet.parameters()[0].robot == "7"
+    with pytest.raises(ValueError, match="robot is missing"):
+        fleet.add(record, fit(), notes={"robot": None})
+
+
+@pytest.mark.parametrize("notes", [({"time": 5e8}, {}), ({}, {"time": 5e8})])
+def test_any_record_of_an_identification_gives_its_time(tmp_path, notes):
+    fleet = Fleet(tmp_path / "fleet.sqlite")
+    fleet.add(several(*({"robot": "a", **each} for each in notes)))
+    assert fleet.parameters()[0].time == 5e8
+
+
+MAY = datetime.datetime(2026, 5, 12, tzinfo=datetime.UTC)
+
+
+@pytest.mark.parametrize(
+    ("time", "seconds"),
+    [
+        (datetime.date(2026, 5, 12), MAY.timestamp()),
+        ("20260512", MAY.timestamp()),
+        (MAY, MAY.timestamp()),
+        ("1711122510", 1711122510.0),
+        ("17111225101", 17111225101.0),
+    ],
+)
+def test_times_are_read(time, seconds):
+    assert seconds_of(time) == seconds
+
+
+@pytest.mark.parametrize("time", [1711122510123, "1711122510123", 20260512, None])
+def test_times_that_are_none_are_refused(time):
+    """Milliseconds look like a compact date of the year 1711."""
+    with pytest.raises(ValueError, match="time must be Unix seconds"):
+        seconds_of(time)
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "said"),
+    [
+        (2.0, 2.2, "f up 10 %"),
+        (-2.0, -1.9, "f down 5 %"),
+        (2.0, 5.0, "f up 150 %"),
+        (0.5, -0.5, "f changed by -1 Nm"),
+        (0.01, 2.0, "f changed by +2 Nm"),
+    ],
+)
+def test_a_change_in_words(before, after, said):
+    assert str(Change("f", "f", "Nm", before, after, 0.1, 1e-6)) == said
 
 
 def test_bad_files_and_empty_fleets_are_refused_in_a_line(tmp_path):

@@ -8,7 +8,7 @@ from scipy.special import ndtr
 from scipy.stats import ks_2samp
 
 from ctc import ComputedTorque, Uncertainty, certify
-from ctc.certification import Normals, Rare, draw, subset_simulation
+from ctc.certification import Normals, Rare, Task, draw, subset_simulation
 from plant import puma560
 
 LIMIT = 4.753424308822899  # ndtr(-LIMIT) = 1e-6
@@ -64,12 +64,21 @@ def test_chance_that_no_number_decides_is_said():
     """A response that a change of any size draws anew: chains cannot climb, and the bound is
     that of the last level.
     """
-    chance = np.random.default_rng(1)
-    found = subset_simulation(lambda u: chance.standard_normal(len(u)), 9.0, 2, 1e-6, 0)
+
+    def simulated(asked):
+        chance = np.random.default_rng(1)
+        return subset_simulation(lambda u: chance.standard_normal(len(u)), 9.0, 2, asked, 0)
+
+    found = simulated(1e-6)
     assert found.stuck
     assert not found.met
     assert 1e-4 < found.probability < found.upper < 0.05
     assert "rounding decides" in str(found)
+    # Chains that end at a level rare enough have shown what was asked.
+    shown = simulated(1.01 * found.upper)
+    assert shown.upper == found.upper
+    assert shown.below is True
+    assert shown.stuck is False
 
 
 @pytest.mark.parametrize(
@@ -78,8 +87,10 @@ def test_chance_that_no_number_decides_is_said():
         (lambda u: np.ones(len(u)), 1.0, 1.0),
         (lambda u: np.minimum(u[:, 0], 0.5), 0.5, 0.31),
         (lambda u: np.where(u[:, 0] > 1.645, 1.0, 0.0), 1.0, 0.05),
+        # The midpoint of these two is rounded to the upper one.
+        (lambda u: np.where(u[:, 0] > 1.645, 0.7, np.nextafter(0.7, 0)), 0.7, 0.05),
     ],
-    ids=["all equal", "equal at the top", "equal below"],
+    ids=["all equal", "equal at the top", "equal below", "neighbours"],
 )
 def test_equal_errors_end_it_with_their_probability(response, level, probability):
     """An error that saturates has no level above it, and its probability stays a number."""
@@ -89,6 +100,26 @@ def test_equal_errors_end_it_with_their_probability(response, level, probability
     assert result.levels[-1] == level
     assert result.probability == pytest.approx(probability, rel=0.3)
     assert result.probability <= result.upper <= 1
+
+
+def test_a_level_below_infinite_responses_is_finite():
+    """99 of 995 arms fail: fewer than a tenth of them, and as many as a level lets through."""
+    u = np.random.default_rng((0, 4)).standard_normal((1000, 2))[:, 0]
+    fifth, first = np.sort(u)[[5, -99]]
+
+    def response(u):
+        finite = np.where(u[:, 0] < fifth, -np.inf, u[:, 1] - 10)
+        return np.where(u[:, 0] < first, finite, np.inf)
+
+    result = subset_simulation(response, 2.0, 2, 1e-6, 0)
+    assert np.isfinite(result.levels).all()
+    assert result.probability == pytest.approx(99 / 995, rel=0.05)
+
+
+@pytest.mark.parametrize("nan_from", [1.0, 3.0], ids=["first population", "chains"])
+def test_a_response_that_is_no_number_is_refused(nan_from):
+    with pytest.raises(ValueError, match="got NaN"):
+        subset_simulation(lambda u: np.where(u[:, 0] > nan_from, np.nan, u[:, 0]), 4.0, 2, 1e-6, 0)
 
 
 def test_samples_of_normals_have_the_distribution_of_certify():
@@ -132,7 +163,9 @@ def test_a_certificate_has_it_for_one_motion_or_several():
     assert both.rare.probability > rare.probability
 
 
-def test_what_is_drawn_at_every_instant_is_refused():
+def test_what_is_drawn_at_every_instant_is_refused(monkeypatch):
+    """Before anything is fitted or simulated."""
+    monkeypatch.delattr(Task, "sampled")
     arm, rig = puma560.arm(), puma560.rig()
     law, options = (
         ComputedTorque(arm, rig, bandwidth=150),

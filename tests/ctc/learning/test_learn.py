@@ -8,18 +8,29 @@ from scipy.linalg import expm
 
 from ctc import ComputedTorque, LearnSettings, LearntTorque, certify, evaluate, learn
 from ctc.learning import exponentials, path_plant, standing
-from plant import PID, Elasticity, Harmonics, P, puma560, simulate
+from plant import (
+    PID,
+    Coupling,
+    Elasticity,
+    FrictionCurve,
+    Harmonics,
+    P,
+    PointToPoint,
+    puma560,
+    simulate,
+)
 
 ARM, RIG, PATH = puma560.literature_arm(1.5), puma560.rig(), puma560.reference()
 
 
+def with_drive(rig, **changes):
+    """The rig with another drive."""
+    return dataclasses.replace(rig, drive=dataclasses.replace(rig.drive, **changes))
+
+
 def off(rig, factor):
     """A rig whose friction is off."""
-    drive = rig.drive
-    drive = dataclasses.replace(
-        drive, coulomb=factor * drive.coulomb, viscous=factor * drive.viscous
-    )
-    return dataclasses.replace(rig, drive=drive)
+    return with_drive(rig, coulomb=factor * rig.drive.coulomb, viscous=factor * rig.drive.viscous)
 
 
 MODEL = ARM.dynamics.arm(ARM.f * (1 + 0.03 * np.random.default_rng(0).choice([-1, 1], 9)))
@@ -112,6 +123,34 @@ def test_friction_is_uncertain_by_no_more_than_itself(learnt):
         assert unsure.uncertainty.friction == pytest.approx(share)
 
 
+def test_friction_of_zero_that_is_uncertain_is_so_by_itself(learnt):
+    """Noise can hide a level, whose share would otherwise seem to be known."""
+    zero = with_drive(learnt.rig, coulomb=(0.0, 0.1))
+    known = np.array([zero.drive.joint_viscous(), zero.drive.joint_coulomb()]) * 0.1
+    hidden = np.add(known, [[0, 0], [0.01, 0]])
+    for std, share in ((known, 0.1), (hidden, 1.0)):
+        result = dataclasses.replace(learnt, rig=zero, friction_std=std)
+        assert result.uncertainty.friction == pytest.approx(share)
+
+
+def test_breakaway_is_no_part_of_the_level_that_is_uncertain(learnt):
+    """Samples of certify scale the drive's Coulomb level alone."""
+    excess = FrictionCurve(offset=(0, 0), breakaway=(0.1, 0.1), speed=(1.0, 1.0))
+    std = np.array([(0, 0), 0.3 * learnt.rig.drive.joint_coulomb()])
+    rig = with_drive(learnt.rig, curve=excess)
+    result = dataclasses.replace(learnt, rig=rig, friction_std=std)
+    assert result.uncertainty.friction == pytest.approx(0.3)
+
+
+@pytest.mark.parametrize(("matrix", "converged"), [((), True), (((1, 1), (0, 1)), False)])
+def test_torques_of_two_joints_add_up_on_a_shaft(learnt, matrix, converged):
+    """Torques of opposite phase have equal rms, whose difference on the shaft would be zero."""
+    limit = np.abs(learnt.rig.drive.torque_limit()).min()
+    rig = with_drive(learnt.rig, coupling=Coupling(matrix=matrix))
+    result = dataclasses.replace(learnt, rig=rig, missing=(np.full(2, 0.9e-3 * limit),))
+    assert result.converged == converged
+
+
 def test_the_running_law_adds_the_torque(learnt):
     """Sample by sample as in the simulator."""
     record = simulate(ARM, RIG, learnt.law, PATH, duration=0.05)
@@ -147,6 +186,19 @@ def test_a_correction_that_does_not_help_is_taken_back(learnt, log):
     assert result.gain == pytest.approx(0.35)
     assert np.allclose(result.law.terms, 0.5 * learnt.law.terms)
     assert "taken back" in str(result)
+    assert_prior(result)
+
+
+def assert_prior(result):
+    """Nothing is learnt: the arm and its uncertainty are those before."""
+    drive = BELIEVED.drive
+    np.testing.assert_array_equal(result.arm.f, MODEL.f)
+    assert result.rig == BELIEVED
+    np.testing.assert_allclose(np.diag(result.covariance), (0.05 * MODEL.f) ** 2)
+    levels = [drive.joint_viscous(), drive.joint_coulomb()]
+    np.testing.assert_allclose(result.friction_std, 0.2 * np.array(levels))
+    assert result.rest == 0
+    assert result.uncertainty.friction == pytest.approx(0.2)
 
 
 def test_where_all_is_left_out_nothing_is_mended(learnt, log):
@@ -159,6 +211,7 @@ def test_where_all_is_left_out_nothing_is_mended(learnt, log):
         found=MODEL,
     )
     assert not result.missing
+    assert_prior(result)
     assert "fast hardware" in result.left_out[0]
     assert "mended" not in str(result)
     assert "mended" in str(learnt)
@@ -260,6 +313,9 @@ def test_bad_input(learnt, log):
     refused("Identification or its arm", LAW, BELIEVED, PATH, log, found="x")
     short = Harmonics(period=RIG.period, offset=(0, 0), cosine=((0,), (0,)), sine=((0,), (0,)))
     refused("last longer than the period", LAW, BELIEVED, short, log)
+    begin = PATH([0.0]).q[0]
+    still = PointToPoint(start=begin, goal=begin, duration=0.05)
+    refused("reference must move", LAW, BELIEVED, still, simulate(ARM, RIG, LAW, still))
     refused("The order is law, rig", LAW, PATH, BELIEVED, log)
     refused("reference must be", LAW, BELIEVED, 3, log)
     other = dataclasses.replace(
