@@ -177,7 +177,10 @@ def over_bands(
     """
     unknown = linear(dynamics, records[0].rig, unknown)
     known_values = Known(known_values)
-    even = of_each(lambda record: record.resampled(record.rig.period), records)
+    # Filters would ring at a jump of counts that nobody logged.
+    even = of_each(
+        lambda record: on_lines(record, record.valid == 0).resampled(record.rig.period), records
+    )
     # Torques do not depend on the band: they are computed once for all bands.
     torques = of_each(torque_of, even)
     highest = min(BAND_MOST / record.rig.period for record in even)

@@ -10,7 +10,8 @@ import pytest
 from coupled_arm import PERIOD, arm_of, path_of, rig_of
 
 from identification import fit_torque
-from plant import PID, Record, Resumed, puma560, simulate
+from identification.equation_error import over_bands
+from plant import PID, LoggedTorque, Record, Resumed, puma560, simulate
 
 RIG = rig_of(coulomb=(0.1, 0.08, 0.05), current_limit=(20.0,) * 3)
 ARM = arm_of(RIG)
@@ -237,6 +238,38 @@ def test_samples_that_are_not_valid_do_not_count(measured):
         ).max()
         > 0.3
     )
+
+
+@pytest.mark.parametrize(
+    "error_of",
+    [
+        lambda arm, record: (
+            next(
+                iter(over_bands(arm.dynamics, [record], arm.dynamics.names).values())
+            ).relative_error
+        ),
+        lambda arm, record: (
+            fit_torque(
+                arm.dynamics, record, cutoff=150, band=60, every=12, least_speed=0.02
+            ).relative_error
+        ),
+    ],
+    ids=["over_bands", "fit_torque"],
+)
+def test_numbers_in_rows_without_weight_spoil_no_other_rows(measured, error_of):
+    """Longer gaps than preparation bridges: filters carry a jump of the counts far beyond them."""
+    arm, record = measured
+    gap = np.zeros((len(record), 1), bool)
+    gap[2000:2040] = True
+    spoilt = dataclasses.replace(
+        record,
+        law=LoggedTorque(),
+        error_pulses=np.where(gap, record.reference_pulses, record.error_pulses),
+        torque=np.where(gap, 0.0, record.torque),
+        valid=np.where(gap[:, 0], 0.0, 1.0),
+    )
+    whole = error_of(arm, dataclasses.replace(record, law=LoggedTorque()))
+    assert error_of(arm, spoilt) == pytest.approx(whole, rel=0.1)
 
 
 def test_the_torque_of_a_law_with_a_memory_comes_from_its_run():
