@@ -161,7 +161,9 @@ class Profile:
                 break
             step = self._step.copy()
             previous = point.squares
-            change = slopes(self._residual, point.values, step, varied, point.innovations)
+            change = slopes(
+                self._residual, point.values, step, varied, point.innovations, self._bounds
+            )
             # Differences may have been shortened; slopes are per the steps of this profile.
             point.slopes = change * (self._step[varied] / step[varied])
             point = self._fitted(point, level)
@@ -188,9 +190,10 @@ class Profile:
     def _change(self, change, innovations):
         """Gauss-Newton's change of the other coordinates.
 
-        Zero where their slopes do not separate them.
+        Zero where their slopes do not separate them, or are zero.
         """
-        # Slopes that were updated along a walk may become dependent; then the others stay.
+        # Slopes that were updated along a walk may become dependent, and some of the others may do
+        # nothing there; then all of them stay.
         try:
             solved = least_squares(
                 self._names, change[:, self._others], innovations, dependent=IDENTIFIABLE.slopes

@@ -106,7 +106,8 @@ class Intervals:
         steps = start.steps.copy()
         # Sensitivities are the same for all profiles; compute them once.
         varied = np.flatnonzero(steps) if view.stiffness else np.empty(0, int)
-        change = slopes(view, solution.values, steps, varied, view.innovations(solution.values))
+        innovations = view.innovations(solution.values)
+        change = slopes(view, solution.values, steps, varied, innovations, start.bounds)
         for i, place in view.stiffness.items():
             profile = Profile(
                 view, solution.values, change, steps, start.bounds, place, final=final

@@ -60,6 +60,26 @@ def test_an_end_beyond_the_limit_is_the_limit():
     assert profile(linear, LEAST).end(0.01, 1e3, LEAST[0] + 0.02) == LEAST[0] + 0.02
 
 
+def test_what_lies_on_its_bound_is_fitted_again():
+    """Friction, whose negative acts like positive: a central difference about zero vanishes."""
+    B = A + np.outer(1.8 * A[:, 0], [0, 1, 0])
+    noise = NOISE - B @ np.linalg.lstsq(B, NOISE, rcond=None)[0]
+
+    def innovations(z):
+        return B @ np.array([z[0], abs(z[1]), z[2]]) - noise
+
+    bounds = np.array([(-50, 50), (0, 50), (-50, 50)], float)
+    model, step, best = Model(innovations), np.full(3, 1e-4), np.zeros(3)
+    change = slopes(model, best, step, np.arange(3), None, bounds)
+    # Without bounds, too: the profile takes slopes of its own.
+    for given in (change, slopes(model, best, step, np.arange(3))):
+        found = Profile(model, best, given, step, bounds, 0)
+        ends = [found.end(sign * 0.1, 3.84, sign * 50) for sign in (-1, 1)]
+        # Down the friction grows and makes up for it; up it stays at zero.
+        std = [np.linalg.inv(C.T @ C)[0, 0] ** 0.5 for C in (B, B[:, ::2])]
+        np.testing.assert_allclose(ends, 1.96 * np.array([-std[0], std[1]]), rtol=0.05)
+
+
 def test_a_curved_valley_is_followed():
     """Against the minimum over the others by another solver; the curvature at the best fit would
     say another end.
