@@ -19,6 +19,7 @@ import numpy as np
 
 from identification.equation_error.filters import CUTOFF, by_differences, derivatives, low_pass
 from identification.equation_error.least_squares import NORMAL
+from identification.equation_error.naming import of_each
 from identification.equation_error.prior import Known
 from identification.equation_error.pulse_fit import filtering_of, fit_systems, mode_in
 from identification.equation_error.regressor import compared, linear, regressor_along
@@ -86,9 +87,9 @@ def fit_deflection(
     Arguments as for `equation_error`.
     """
     names = linear(dynamics, records[0].rig, unknown)
-    deflections = [
-        Deflections.of(record, SETTINGS.deflection_band * mode_in(record)) for record in records
-    ]
+    deflections = of_each(
+        lambda record: Deflections.of(record, SETTINGS.deflection_band * mode_in(record)), records
+    )
     # 1. f along the motions of both sides, which do not depend on the gears.
     systems = [deflection.balance(dynamics, names) for deflection in deflections]
     torque = fit_systems(dynamics, names, known_values, systems)

@@ -69,13 +69,26 @@ def mode_in(record: Record) -> float:
     """Frequency [Hz] of the strongest oscillation in the tracking errors of a record.
 
     The strongest acceleration counts, not the largest error.
+
+    Raises
+    ------
+    ValueError
+        Nothing oscillates, or too fast for the samples.
     """
     frequency, power = spectrum(record.error_pulses, record.rig.period)
     # Weighted with frequency squared: the slow errors of the motion are larger than a mode's.
     power = np.convolve((power * frequency[:, None] ** 2).sum(axis=1), np.ones(5) / 5, mode="same")
     highest = SETTINGS.highest / record.rig.period
     power[(frequency < SETTINGS.lowest) | (frequency > highest)] = 0
-    return float(frequency[power.argmax()])
+    mode = float(frequency[power.argmax()])
+    if not mode > 0:
+        reason = f"sampled every {record.rig.period:g} s it does not"
+        advice = "State rig.period in seconds, or log faster."
+        if not np.ptp(record.error_pulses, axis=0).any():
+            reason = "its tracking errors are constant"
+            advice = "Give counts and reference columns of their own."
+        raise ValueError(f"a log must show the oscillation of its loop; {reason}. {advice}")
+    return mode
 
 
 def path_in(record: Record) -> float:
@@ -138,7 +151,7 @@ def equation_error(
         return fit_systems(dynamics, unknown, known_values, systems)
 
     # 1. In bands by the spectrum of the tracking errors.
-    initial = fitted([pass_band(record) for record in records])
+    initial = fitted(of_each(pass_band, records))
     values = {**known_values, **dict(zip(initial.names, initial.values, strict=True))}
 
     # 2. In bands by the modes of that arm.

@@ -68,7 +68,7 @@ def test_a_flat_sum_ends_at_the_limit():
 def test_the_side_of_an_end_is_that_of_its_limit():
     found = profile(linear, LEAST)
     assert found.end(-0.1, 3.84, -50) == found.end(0.1, 3.84, -50) < LEAST[0]
-    with pytest.raises(ValueError, match="distance.*nan"):
+    with pytest.raises(ValueError, match=r"distance.*nan"):
         found.end(np.nan, 3.84, 50)
 
 
