@@ -15,7 +15,13 @@ from identification.equation_error.band_choice import choose_band
 from identification.equation_error.filters import BAND_MOST, CUTOFF
 from identification.equation_error.naming import of_each
 from identification.equation_error.prior import Known
-from identification.equation_error.regressor import Filtering, System, linear, regressor_and_torque
+from identification.equation_error.regressor import (
+    Filtering,
+    System,
+    balance,
+    linear,
+    regressor_and_torque,
+)
 from identification.equation_error.torque_fit import TorqueFit, weighted
 from identification.equation_error.torque_logs import torque_of
 from plant import Arm, Dynamics, Law, Record, Rig, modes
@@ -194,11 +200,14 @@ def over_bands(
     even = of_each(
         lambda record: on_lines(record, record.valid == 0).resampled(record.rig.period), records
     )
+    # Wrong names are wrong in every band: they are refused here, by name.
+    of_each(lambda record: balance(dynamics, record.rig, unknown, False), even)
     # Torques do not depend on the band: they are computed once for all bands.
     torques = of_each(torque_of, even)
     highest = min(BAND_MOST / record.rig.period for record in even)
     fits = {}
     systems = {}
+    failure = None
     for band in BANDS[highest > BANDS].tolist():
         try:
             equations = [
@@ -206,14 +215,15 @@ def over_bands(
                 for record, torque in zip(even, torques, strict=True)
             ]
             fit = fit_systems(dynamics, unknown, known_values, equations)
-        except ValueError:
+        except ValueError as error:
             # No equations in this band, or unknowns that are not separately identifiable in it.
+            failure = error
             continue
         if fit.rows >= ENOUGH * len(fit.names):
             fits[band] = fit
             systems[band] = without_known(unknown, known_values, equations)[1]
     if not fits:
-        raise ValueError(NO_BAND)
+        raise ValueError(NO_BAND) from failure
     seconds = np.array([len(record) * record.rig.period for record in even])
     try:
         best, _ = choose_band(list(fits), systems.__getitem__, seconds, None)
@@ -230,9 +240,9 @@ def fit_systems(
     systems: Iterable[System],
     seconds: Floats | None = None,
 ) -> TorqueFit:
-    """Weighted fit of the unknowns without a known value, with the prior.
+    """Weighted fit, with the prior, of those unknowns that have no known value.
 
-    The equations are in all unknowns.
+    `systems` have a column for every unknown, known ones too.
 
     `seconds`: as for `weighted`.
     """
@@ -290,5 +300,6 @@ def speed_noise(rig: Rig, band: float) -> Floats:
     """Three standard deviations (n,) of the joint speed that rounding makes in a band [rad/s]."""
     # White rounding of variance 1 / 12 has the share 2 band period of its power in the band; the
     # mean square of the angular frequency there is (2 pi band)^2 / 3.
-    pulse = np.abs(rig.to_angle(np.eye(rig.n))).max(axis=0)
+    # Coupled motors turn a joint together: their independent roundings add in squares.
+    pulse = np.sqrt((rig.to_angle(np.eye(rig.n)) ** 2).sum(axis=0))
     return 3 * pulse / np.sqrt(12) * np.sqrt(2 * band * rig.period) * 2 * np.pi * band / np.sqrt(3)
