@@ -235,7 +235,7 @@ def _prior(dynamics, records, prior):
     """The prior of a user; by default the model's own bodies, if a joint moves in no log."""
     if prior is None:
         return Prior.of_model(dynamics, records[0].rig) if still(records).size else None
-    return prior if isinstance(prior, Prior) else Prior.of(dynamics, records[0].rig, prior)
+    return Prior.of(dynamics, records[0].rig, prior)
 
 
 def _left_open(records, labels, unknown, complete):

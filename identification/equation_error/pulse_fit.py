@@ -81,7 +81,9 @@ def mode_in(record: Record) -> float:
     ValueError
         Nothing oscillates, or too fast for the samples.
     """
-    frequency, power = spectrum(record.error_pulses, record.rig.period)
+    # Rows without weight may hold anything, and their jumps are fast.
+    errors = on_lines(record, record.valid == 0).error_pulses
+    frequency, power = spectrum(errors, record.rig.period)
     # Weighted with frequency squared: the slow errors of the motion are larger than a mode's.
     power = np.convolve((power * frequency[:, None] ** 2).sum(axis=1), np.ones(5) / 5, mode="same")
     highest = SETTINGS.highest / record.rig.period
@@ -90,7 +92,7 @@ def mode_in(record: Record) -> float:
     if not mode > 0:
         reason = f"sampled every {record.rig.period:g} s it does not"
         advice = "State rig.period in seconds, or log faster."
-        if not np.ptp(record.error_pulses, axis=0).any():
+        if not np.ptp(errors, axis=0).any():
             reason = "its tracking errors are constant"
             advice = "Give counts and reference columns of their own."
         raise ValueError(f"a log must show the oscillation of its loop; {reason}. {advice}")
@@ -99,7 +101,8 @@ def mode_in(record: Record) -> float:
 
 def path_in(record: Record) -> float:
     """Highest frequency [Hz] at which the counts of a record hold far more than their rounding."""
-    frequency, power = spectrum(record.counts, record.rig.period)
+    counts = on_lines(record, record.valid == 0).counts
+    frequency, power = spectrum(counts, record.rig.period)
     # The upper half of the spectrum holds rounding alone.
     rounding = np.median(power[len(power) // 2 :], axis=0)
     rows = np.flatnonzero((power > SETTINGS.path_power * rounding).any(axis=1))
@@ -148,7 +151,7 @@ def equation_error(
     """
     known_values = Known(known_values)
     unknown = linear(dynamics, records[0].rig, unknown)
-    records = [_without_gaps(record) for record in records]
+    records = [without_gaps(record) for record in records]
 
     def fitted(bands: list[float]) -> TorqueFit:
         systems = of_each(
@@ -170,13 +173,12 @@ def equation_error(
     return fitted(bands)
 
 
-def _without_gaps(record):
+def without_gaps(record: Record) -> Record:
     """A record at even times, with counts on straight lines where none were logged."""
     # Filters would ring at a jump.
     if Clock.of(record).even is None:
         record = record.resampled(record.rig.period)
-    missing = record.valid == 0
-    return record if missing.all() else on_lines(record, missing)
+    return on_lines(record, record.valid == 0)
 
 
 def over_bands(
