@@ -92,6 +92,7 @@ def fit_deflection(
     Arguments as for `equation_error`.
     """
     names = linear(dynamics, records[0].rig, unknown)
+    records = of_each(without_gaps, records)
     deflections = of_each(
         lambda record: Deflections.of(record, SETTINGS.deflection_band * mode_in(record)), records
     )

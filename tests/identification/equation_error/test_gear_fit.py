@@ -111,6 +111,21 @@ def test_two_sensors_show_compliances_and_the_offset_of_their_zeros(made):
     np.testing.assert_allclose(apart.compliance, seen.compliance, rtol=1e-3)
 
 
+def test_missing_rows_do_not_shift_what_follows_them(made):
+    dynamics, record, f = made
+    kept = np.delete(np.arange(len(record)), slice(3000, 3200))
+    columns = ("t", "error_pulses", "reference_pulses", "valid", "torque", "link_counts")
+    rows = {name: getattr(record, name)[kept] for name in columns}
+    short = dataclasses.replace(record, current=None, **rows)
+    seen = fit_deflection(dynamics, [short], dynamics.names, Known())
+    np.testing.assert_allclose(seen.compliance * STIFFNESS, 1, atol=0.01)
+    assert np.abs(seen.torque.values - f).max() < 0.03
+    grid = np.geomspace(1 / 9, 9, 5)[:, None] / STIFFNESS
+    fit = fit_gears(dynamics, [short], dynamics.names, Known(), grid)[0]
+    np.testing.assert_array_equal(fit.compliance, 1 / STIFFNESS)
+    assert np.abs(fit.torque.values - f).max() < 0.02
+
+
 def test_springs_on_the_links_are_no_part_of_what_the_gears_wind():
     """Both ways to the compliances; without the springs the torque on the links is another."""
     springs = JointSpring(stiffness=(60.0, 40.0, 10.0), angle=(0.4, -0.3, 0.2))

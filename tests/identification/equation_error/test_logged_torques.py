@@ -11,8 +11,7 @@ import pytest
 from coupled_arm import PERIOD, arm_of, path_of, rig_of
 
 from identification import fit_torque
-from identification.equation_error import over_bands
-from identification.equation_error.pulse_fit import speed_noise
+from identification.equation_error import over_bands, pulse_fit
 from plant import PID, LoggedTorque, Record, Resumed, puma560, simulate
 
 RIG = rig_of(coulomb=(0.1, 0.08, 0.05), current_limit=(20.0,) * 3)
@@ -304,7 +303,7 @@ def test_roundings_of_coupled_motors_add_in_squares():
     frequency = np.fft.rfftfreq(len(q), RIG.period)[:, None]
     rate = np.where(frequency < band, 2j * np.pi * frequency, 0) * np.fft.rfft(q, axis=0)
     std = np.fft.irfft(rate, axis=0).std(axis=0)
-    np.testing.assert_allclose(speed_noise(RIG, band), 3 * std, rtol=0.1)
+    np.testing.assert_allclose(pulse_fit.speed_noise(RIG, band), 3 * std, rtol=0.1)
 
 
 def test_the_torque_of_a_law_with_a_memory_comes_from_its_run():
