@@ -74,11 +74,6 @@ def require_informative(record: Record, labels: Sequence[str], *, prior: bool = 
     seconds = len(record) * record.rig.period
     # The loop's own oscillation shows the inertias: the log must hold some periods of it.
     mode = mode_in(record)
-    if not mode > 0:
-        raise ValueError(
-            f"a log must show the oscillation of its loop; sampled every {record.rig.period:g} s it"
-            " does not. State rig.period in seconds, or log faster."
-        )
     if seconds < SETTINGS.periods / mode:
         raise ValueError(
             f"a log must last {SETTINGS.periods} periods of its oscillation; {seconds:.3g} s hold "
@@ -240,7 +235,7 @@ def _prior(dynamics, records, prior):
     """The prior of a user; by default the model's own bodies, if a joint moves in no log."""
     if prior is None:
         return Prior.of_model(dynamics, records[0].rig) if still(records).size else None
-    return prior if isinstance(prior, Prior) else Prior.of(dynamics, records[0].rig, prior)
+    return Prior.of(dynamics, records[0].rig, prior)
 
 
 def _left_open(records, labels, unknown, complete):

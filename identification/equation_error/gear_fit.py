@@ -19,9 +19,15 @@ import numpy as np
 
 from identification.equation_error.filters import CUTOFF, by_differences, derivatives, low_pass
 from identification.equation_error.least_squares import NORMAL
+from identification.equation_error.naming import of_each
 from identification.equation_error.prior import Known
-from identification.equation_error.pulse_fit import filtering_of, fit_systems, mode_in
-from identification.equation_error.regressor import compared, linear, regressor_along
+from identification.equation_error.pulse_fit import (
+    filtering_of,
+    fit_systems,
+    mode_in,
+    without_gaps,
+)
+from identification.equation_error.regressor import balance, compared, linear, regressor_along
 from identification.equation_error.torque_fit import TorqueFit
 from identification.equation_error.torque_logs import torque_of
 from identification.equation_error.two_encoders import Deflections, fit_wound
@@ -86,9 +92,10 @@ def fit_deflection(
     Arguments as for `equation_error`.
     """
     names = linear(dynamics, records[0].rig, unknown)
-    deflections = [
-        Deflections.of(record, SETTINGS.deflection_band * mode_in(record)) for record in records
-    ]
+    records = of_each(without_gaps, records)
+    deflections = of_each(
+        lambda record: Deflections.of(record, SETTINGS.deflection_band * mode_in(record)), records
+    )
     # 1. f along the motions of both sides, which do not depend on the gears.
     systems = [deflection.balance(dynamics, names) for deflection in deflections]
     torque = fit_systems(dynamics, names, known_values, systems)
@@ -158,6 +165,9 @@ def fit_gears(
     together first, then each on its own. A column of one value keeps that gear as it is.
     """
     names = linear(dynamics, records[0].rig, unknown)
+    # Wrong names are wrong in every band: they are refused here, by name.
+    of_each(lambda record: balance(dynamics, record.rig, names, True), records)
+    records = of_each(without_gaps, records)
     fits = []
     for i in range(len(SETTINGS.bands)):
         try:
@@ -208,6 +218,7 @@ def _best(dynamics, wound, names, known_values, grid):
 
 
 def _misfit(fit):
-    """Negative logarithm of the likelihood, per equation of each joint."""
-    # Joint by joint: a sum of squares would let the strongest joint decide.
-    return float(np.log(np.maximum(fit.torque.sigma, 1e-300)).sum())
+    """Negative logarithm of the likelihood, per equation of each joint that has one."""
+    # Joint by joint: a sum of squares would let the strongest joint decide. A joint that stands
+    # still has no equation, whatever the compliances.
+    return float(np.nansum(np.log(np.maximum(fit.torque.sigma, 1e-300))))

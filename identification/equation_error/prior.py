@@ -86,8 +86,15 @@ class Prior(Frozen):
         The argument is a spread of the chain's own bodies, or a pair: bodies, f or an arm, and a
         spread.
 
-        Bodies without any rotor have those of the rig.
+        Bodies without any rotor have those of the rig. A prior of these f is returned as it is.
         """
+        if isinstance(argument, cls):
+            if argument.names != dynamics.names:
+                raise ValueError(
+                    f"prior must be of the f of these dynamics, {', '.join(dynamics.names)}; got"
+                    f" {', '.join(argument.names)}. {_ADVICE}"
+                )
+            return argument
         mean: Any
         paired = isinstance(argument, (tuple, list)) and len(argument) == 2
         mean, spread = argument if paired else (dynamics.chain.bodies, argument)
@@ -201,4 +208,4 @@ class PriorRows:
         # The rows must vary as much as an innovation does: least squares gives all rows one
         # variance.
         self.noise = float(np.sqrt(variance))
-        return bool(self._places) and abs(self.noise / previous - 1) > _SETTLED
+        return bool(self._places) and abs(self.noise - previous) > _SETTLED * previous

@@ -15,7 +15,13 @@ from identification.equation_error.band_choice import choose_band
 from identification.equation_error.filters import BAND_MOST, CUTOFF
 from identification.equation_error.naming import of_each
 from identification.equation_error.prior import Known
-from identification.equation_error.regressor import Filtering, System, linear, regressor_and_torque
+from identification.equation_error.regressor import (
+    Filtering,
+    System,
+    balance,
+    linear,
+    regressor_and_torque,
+)
 from identification.equation_error.torque_fit import TorqueFit, weighted
 from identification.equation_error.torque_logs import torque_of
 from plant import Arm, Dynamics, Law, Record, Rig, modes
@@ -69,18 +75,34 @@ def mode_in(record: Record) -> float:
     """Frequency [Hz] of the strongest oscillation in the tracking errors of a record.
 
     The strongest acceleration counts, not the largest error.
+
+    Raises
+    ------
+    ValueError
+        Nothing oscillates, or too fast for the samples.
     """
-    frequency, power = spectrum(record.error_pulses, record.rig.period)
+    # Rows without weight may hold anything, and their jumps are fast.
+    errors = on_lines(record, record.valid == 0).error_pulses
+    frequency, power = spectrum(errors, record.rig.period)
     # Weighted with frequency squared: the slow errors of the motion are larger than a mode's.
     power = np.convolve((power * frequency[:, None] ** 2).sum(axis=1), np.ones(5) / 5, mode="same")
     highest = SETTINGS.highest / record.rig.period
     power[(frequency < SETTINGS.lowest) | (frequency > highest)] = 0
-    return float(frequency[power.argmax()])
+    mode = float(frequency[power.argmax()])
+    if not mode > 0:
+        reason = f"sampled every {record.rig.period:g} s it does not"
+        advice = "State rig.period in seconds, or log faster."
+        if not np.ptp(errors, axis=0).any():
+            reason = "its tracking errors are constant"
+            advice = "Give counts and reference columns of their own."
+        raise ValueError(f"a log must show the oscillation of its loop; {reason}. {advice}")
+    return mode
 
 
 def path_in(record: Record) -> float:
     """Highest frequency [Hz] at which the counts of a record hold far more than their rounding."""
-    frequency, power = spectrum(record.counts, record.rig.period)
+    counts = on_lines(record, record.valid == 0).counts
+    frequency, power = spectrum(counts, record.rig.period)
     # The upper half of the spectrum holds rounding alone.
     rounding = np.median(power[len(power) // 2 :], axis=0)
     rows = np.flatnonzero((power > SETTINGS.path_power * rounding).any(axis=1))
@@ -129,7 +151,7 @@ def equation_error(
     """
     known_values = Known(known_values)
     unknown = linear(dynamics, records[0].rig, unknown)
-    records = [_without_gaps(record) for record in records]
+    records = [without_gaps(record) for record in records]
 
     def fitted(bands: list[float]) -> TorqueFit:
         systems = of_each(
@@ -138,7 +160,7 @@ def equation_error(
         return fit_systems(dynamics, unknown, known_values, systems)
 
     # 1. In bands by the spectrum of the tracking errors.
-    initial = fitted([pass_band(record) for record in records])
+    initial = fitted(of_each(pass_band, records))
     values = {**known_values, **dict(zip(initial.names, initial.values, strict=True))}
 
     # 2. In bands by the modes of that arm.
@@ -151,13 +173,12 @@ def equation_error(
     return fitted(bands)
 
 
-def _without_gaps(record):
+def without_gaps(record: Record) -> Record:
     """A record at even times, with counts on straight lines where none were logged."""
     # Filters would ring at a jump.
     if Clock.of(record).even is None:
         record = record.resampled(record.rig.period)
-    missing = record.valid == 0
-    return record if missing.all() else on_lines(record, missing)
+    return on_lines(record, record.valid == 0)
 
 
 def over_bands(
@@ -177,12 +198,18 @@ def over_bands(
     """
     unknown = linear(dynamics, records[0].rig, unknown)
     known_values = Known(known_values)
-    even = of_each(lambda record: record.resampled(record.rig.period), records)
+    # Filters would ring at a jump of counts that nobody logged.
+    even = of_each(
+        lambda record: on_lines(record, record.valid == 0).resampled(record.rig.period), records
+    )
+    # Wrong names are wrong in every band: they are refused here, by name.
+    of_each(lambda record: balance(dynamics, record.rig, unknown, False), even)
     # Torques do not depend on the band: they are computed once for all bands.
     torques = of_each(torque_of, even)
     highest = min(BAND_MOST / record.rig.period for record in even)
     fits = {}
     systems = {}
+    failure = None
     for band in BANDS[highest > BANDS].tolist():
         try:
             equations = [
@@ -190,14 +217,15 @@ def over_bands(
                 for record, torque in zip(even, torques, strict=True)
             ]
             fit = fit_systems(dynamics, unknown, known_values, equations)
-        except ValueError:
+        except ValueError as error:
             # No equations in this band, or unknowns that are not separately identifiable in it.
+            failure = error
             continue
         if fit.rows >= ENOUGH * len(fit.names):
             fits[band] = fit
             systems[band] = without_known(unknown, known_values, equations)[1]
     if not fits:
-        raise ValueError(NO_BAND)
+        raise ValueError(NO_BAND) from failure
     seconds = np.array([len(record) * record.rig.period for record in even])
     try:
         best, _ = choose_band(list(fits), systems.__getitem__, seconds, None)
@@ -214,9 +242,9 @@ def fit_systems(
     systems: Iterable[System],
     seconds: Floats | None = None,
 ) -> TorqueFit:
-    """Weighted fit of the unknowns without a known value, with the prior.
+    """Weighted fit, with the prior, of those unknowns that have no known value.
 
-    The equations are in all unknowns.
+    `systems` have a column for every unknown, known ones too.
 
     `seconds`: as for `weighted`.
     """
@@ -274,5 +302,6 @@ def speed_noise(rig: Rig, band: float) -> Floats:
     """Three standard deviations (n,) of the joint speed that rounding makes in a band [rad/s]."""
     # White rounding of variance 1 / 12 has the share 2 band period of its power in the band; the
     # mean square of the angular frequency there is (2 pi band)^2 / 3.
-    pulse = np.abs(rig.to_angle(np.eye(rig.n))).max(axis=0)
+    # Coupled motors turn a joint together: their independent roundings add in squares.
+    pulse = np.sqrt((rig.to_angle(np.eye(rig.n)) ** 2).sum(axis=0))
     return 3 * pulse / np.sqrt(12) * np.sqrt(2 * band * rig.period) * 2 * np.pi * band / np.sqrt(3)

@@ -8,7 +8,7 @@ import numpy as np
 from identification.equation_error.filters import low_pass
 from identification.equation_error.naming import each_named, record_label
 from plant import Dynamics, Record, Reference, Resumed, Rig
-from plant.checkup import bridged
+from plant.checkup import bridged, on_lines
 from plant.laws import commanded_torque
 from plant.parts import Floats, array, frozen, instance
 from plant.simulation import Clock, LawRun, injected_beside, run_law
@@ -222,8 +222,10 @@ def _of_records(dynamics, records):
     for k, (record, about) in enumerate(each_named(records)):
         with about:
             record.rig.require_fit(dynamics.chain)
-            # Lost rows are bridged first: a filter would ring at their jumps.
+            # Lost rows are bridged first: a filter would ring at their jumps, and at those of rows
+            # without weight in longer gaps.
             record = bridged(record)
+            record = on_lines(record, record.valid == 0)
             # Before resampling: the law read the counts at its own samples.
             if record.torque is None and record.current is None:
                 record = replace(record, torque=torque_of(record), law=None)

@@ -35,8 +35,8 @@ class ProfileSettings:
     lower : float
         Least decrease below the best fit, relative to the level, that makes another fit better.
     lost : float
-        Ratio of a sum of squares to that of the best fit from which on the log is lost: slopes say
-        nothing there.
+        A sum of squares that exceeds the best fit's by this factor means that the log is lost;
+        slopes say nothing there.
     shrink, grow : float
         Least and largest ratio of neighbouring distances from the best fit.
     """
@@ -90,6 +90,7 @@ class Profile:
         self._names = [residual.unknown[i] for i in self._places.tolist()]
         self._best = Descent(best, residual.innovations(best), change)
         self.better: Floats | None = None
+        self._lowest = self._best.squares
 
     def rise(self, value: float, level: float) -> float:
         """Least sum with the coordinate held at a value, less that of the best fit."""
@@ -100,8 +101,13 @@ class Profile:
 
         The limit if it does not rise so much on the way to it.
 
-        `distance`: to be tried first, signed.
+        `distance`: first distance to try; its sign does not count, the side is that of the limit.
         """
+        if np.isnan(distance):
+            raise ValueError(
+                "distance must be a number; got nan. Give about that at which the sum has risen by"
+                " the level, such as twice a standard deviation."
+            )
         # Distances from the best fit towards the limit are positive, whichever way that is.
         start = self._best.values[self._place]
         sign = np.sign(limit - start)
@@ -141,6 +147,10 @@ class Profile:
                 guess = size * np.sqrt(level / max(rise, 1e-3 * level))
             guess = min(max(guess, SETTINGS.shrink * size), SETTINGS.grow * size, reach)
             size = guess if low < guess < high else (low + min(high, reach)) / 2
+        else:
+            # No value rose so much. Between the highest and the limit nothing was tried.
+            if not np.isfinite(high):
+                return limit
         return float(start + sign * size)
 
     def _follows(self, point):
@@ -149,9 +159,8 @@ class Profile:
     def _begun(self, value, level):
         """Fit of the others with the coordinate at a value, from the best fit.
 
-        They begin where they are at the best fit, or where the slopes move them.
-
-        The better of both goes on with slopes by differences.
+        Two starts are tried: the others as at the best fit, and the others moved by its slopes. The
+        better one goes on, with new slopes by differences.
         """
         points = [self._moved(self._best, value, level, along) for along in (True, False)]
         point = min(points, key=lambda point: point.squares)
@@ -161,7 +170,9 @@ class Profile:
                 break
             step = self._step.copy()
             previous = point.squares
-            change = slopes(self._residual, point.values, step, varied, point.innovations)
+            change = slopes(
+                self._residual, point.values, step, varied, point.innovations, self._bounds
+            )
             # Differences may have been shortened; slopes are per the steps of this profile.
             point.slopes = change * (self._step[varied] / step[varied])
             point = self._fitted(point, level)
@@ -172,9 +183,7 @@ class Profile:
     def _moved(self, point, value, level, along=True):
         """Fit of the others after the coordinate has moved to a value.
 
-        They begin where it takes them along, or as they are.
-
-        Where it takes them follows from the slopes.
+        With `along` the others first move as the slopes predict; else they begin unchanged.
         """
         z = point.values.copy()
         change = (value - point.values[self._place]) / self._step[self._place]
@@ -188,9 +197,10 @@ class Profile:
     def _change(self, change, innovations):
         """Gauss-Newton's change of the other coordinates.
 
-        Zero where their slopes do not separate them.
+        Zero where their slopes do not separate them, or are zero.
         """
-        # Slopes that were updated along a walk may become dependent; then the others stay.
+        # Slopes that were updated along a walk may become dependent, and some of the others may do
+        # nothing there; then all of them stay.
         try:
             solved = least_squares(
                 self._names, change[:, self._others], innovations, dependent=IDENTIFIABLE.slopes
@@ -217,10 +227,10 @@ class Profile:
             z = np.clip(z, *self._bounds.T)
             z[self._place] = value
             move = (z[self._places] - point.values[self._places]) / self._step[self._places]
-            innovations = self._residual.innovations(z)
             # All at their bounds, or not separable: no step is left.
             if not move.any():
                 break
+            innovations = self._residual.innovations(z)
             if not dot(innovations, innovations) < SETTINGS.lost * point.squares:
                 shortening /= 4
                 continue
@@ -241,6 +251,8 @@ class Profile:
             if gained < SETTINGS.settled * level:
                 break
         # A little lower is no news: the best fit ended within its own tolerance.
-        if point.squares < self._best.squares - SETTINGS.lower * level:
+        lower = self._best.squares - SETTINGS.lower * level
+        if point.squares < min(lower, self._lowest):
+            self._lowest = point.squares
             self.better = point.values
         return point

@@ -1,9 +1,10 @@
 """Elastic gears by squared periods and damping ratios of their resonances.
 
-Deflections are proportional to compliance, and rigid gears are at its zero; so each stiffness k is
-searched as 1 / omega^2 = m / k, the compliance times the link's inertia m (D_ii less the rotor's)
-at a pose, and each damping as the logarithm of the damping ratio of that resonance. A log says
-little of damping: a ratio of 0.5 to 5 % is expected (95 %), which weighs like one more measurement.
+Deflections are proportional to compliance, and rigid gears are at its zero. So a stiffness k is
+searched as the squared period 1 / omega^2 = m / k. Here m is the link's inertia at a pose, D_ii
+less the rotor's. A damping is searched as the logarithm of its resonance's damping ratio. A log
+says little of damping, so each ratio has a prior, 0.5 to 5 % with 95 % probability, that weighs
+like one more measurement.
 """
 
 from collections.abc import Iterable
@@ -44,7 +45,7 @@ class ResonanceSettings:
     damping_step : float
         Step of the logarithm of a damping ratio.
     unstated : float
-        Resonance of a rotor on its gear that stands for one that is not stated yet [Hz].
+        Resonance [Hz] of the placeholder gears where the rig states none: a rotor's, on its gear.
     difference : float
         Relative step of the derivative of values by coordinates.
     """
@@ -216,34 +217,54 @@ class Resonances(WithPrior):
     def start(self, values: Floats, step: Floats, bounds: Floats) -> Start:
         """Coordinates, steps and bounds (k, 2) from those of values.
 
-        Damping starts at the expected ratio.
+        Damping starts at the expected ratio. Bounds of stiffness and damping become those of
+        resonances by the links of this start; they hold for no other links.
+
+        Raises
+        ------
+        ValueError
+            A range of stiffness lies wholly outside the resonances that are searched.
         """
         z = values.copy()
         steps = step.copy()
         bounds = bounds.copy()
         m = self.inertia(values)
-        # Critical damping, 2 sqrt(k m).
-        critical = 2 * np.sqrt(np.maximum(m, 0) * self._stiffness(values))
+        stiffness = self._stiffness(values)
         places = [*self.stiffness.values(), *self.damping.values()]
         bounds[places] = np.maximum(bounds[places], 0.0)
         # A stiffness without bounds has zero and infinity, whose inverses are meant.
         with np.errstate(divide="ignore", invalid="ignore"):
             for i, place in self.stiffness.items():
+                given = bounds[place].copy()
                 squared = (1 / (2 * np.pi * np.array(SETTINGS.resonances[::-1]))) ** 2
-                bounds[place] = np.clip(m[i] / bounds[place, ::-1], *squared)
+                bounds[place] = np.clip(m[i] / given[::-1], *squared)
+                # A start that leaves no link there is none: it does not follow the log.
+                if m[i] > 0 and not bounds[place, 0] < bounds[place, 1]:
+                    low, high = SETTINGS.resonances
+                    hz = np.sqrt(given / m[i]) / (2 * np.pi)
+                    raise ValueError(
+                        f"the range of {self.unknown[place]} must hold resonances from {low:g} to"
+                        f" {high:g} Hz; {given[0]:g} to {given[1]:g} N m/rad is {hz[0]:.3g} to"
+                        f" {hz[1]:.3g} Hz. Check its unit, or leave such a gear rigid."
+                    )
                 z[place] = np.clip(m[i] / values[place], *bounds[place])
                 steps[place] = max(SETTINGS.least_step, SETTINGS.step * z[place])
+                stiffness[i] = np.clip(values[place], *(m[i] / bounds[place, ::-1]))
+            # Critical damping, 2 sqrt(k m), of the gears that the search begins with.
+            critical = 2 * np.sqrt(np.maximum(m, 0) * stiffness)
             for i, place in self.damping.items():
-                bounds[place] = np.clip(
-                    np.log(bounds[place] / critical[i]), *np.log(SETTINGS.damping)
-                )
+                ends = np.log(bounds[place] / critical[i])
+                bounds[place] = np.clip(ends, *np.log(SETTINGS.damping))
+                # A range beyond the usual ratios counts as it is: equal ends would leave no step.
+                if not bounds[place, 0] < bounds[place, 1]:
+                    bounds[place] = ends
                 z[place] = np.clip(_LOG_RATIO, *bounds[place])
                 steps[place] = SETTINGS.damping_step
         return Start(z, steps, bounds)
 
     def slopes(self, coordinates: Floats) -> Floats:
         """Derivative (k, k) of the values by the coordinates."""
-        # Relative steps, of 1 for a coordinate at zero.
+        # Steps are relative to the coordinate, or to 1 where it is zero.
         steps = SETTINGS.difference * np.maximum(
             np.abs(coordinates), np.where(coordinates == 0, 1.0, 0.0)
         )
@@ -273,7 +294,10 @@ class Resonances(WithPrior):
         return changed
 
     def settle(self, coordinates: Floats) -> float:
-        """Give the expected values the noise of the innovations; the variance of that noise."""
+        """Set the noise of the expected values' rows to that of the innovations.
+
+        Return its variance.
+        """
         # The innovations alone: deviations from expected values are no noise.
         rows = self.innovations(coordinates)
         innovations = rows[: len(rows) - self.count]

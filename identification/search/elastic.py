@@ -106,7 +106,8 @@ class Intervals:
         steps = start.steps.copy()
         # Sensitivities are the same for all profiles; compute them once.
         varied = np.flatnonzero(steps) if view.stiffness else np.empty(0, int)
-        change = slopes(view, solution.values, steps, varied, view.innovations(solution.values))
+        innovations = view.innovations(solution.values)
+        change = slopes(view, solution.values, steps, varied, innovations, start.bounds)
         for i, place in view.stiffness.items():
             profile = Profile(
                 view, solution.values, change, steps, start.bounds, place, final=final
@@ -278,27 +279,34 @@ def _starts(problem, view, fits):
     Raises
     ------
     ValueError
-        No start follows the log.
+        No start follows the log, or has resonances in the range of a stiffness.
     """
     nuisances = view.prediction.nuisances
-    starts = []
+    starts = dict[int, Start]()
     steps = view.prediction.nuisance_steps
     bounds = np.vstack([problem.bounds, view.prediction.nuisance_bounds])
     # Stiffness comes from the grid, all other values from the torque equation.
-    for fit in fits:
+    for k, fit in enumerate(fits):
         values, step = start_of_fit(problem, fit.torque)
         for i, place in view.stiffness.items():
             values[place] = 1 / max(fit.compliance[i], ELASTIC.rigid)
-        starts.append(
-            view.start(np.append(values, nuisances), np.append(ELASTIC.step * step, steps), bounds)
+        try:
+            starts[k] = view.start(
+                np.append(values, nuisances), np.append(ELASTIC.step * step, steps), bounds
+            )
+        except ValueError as error:  # a range beyond the resonances, with the links of this fit
+            failure = error
+    if not starts:
+        raise failure
+    costs = {
+        k: dot(innovations, innovations) if np.isfinite(innovations).all() else np.inf
+        for k, innovations in zip(
+            starts,
+            view.all_innovations([start.coordinates for start in starts.values()]),
+            strict=True,
         )
-    costs = np.array(
-        [
-            dot(innovations, innovations) if np.isfinite(innovations).all() else np.inf
-            for innovations in view.all_innovations([start.coordinates for start in starts])
-        ]
-    )
-    order = [i for i in np.argsort(costs, kind="stable") if np.isfinite(costs[i])]
+    }
+    order = [k for k in sorted(costs, key=lambda k: costs[k]) if np.isfinite(costs[k])]
     if not order:
         raise ValueError(
             "the search must start from an arm that follows the log; no fit of the torque equation"

@@ -11,6 +11,7 @@ from elastic_motion import STIFFNESS, experiment
 from identification.equation_error import (
     GearFitSettings,
     Known,
+    Prior,
     fit_deflection,
     fit_gears,
     mode_in,
@@ -38,6 +39,64 @@ def test_the_compliances_of_an_exact_motion_are_found_among_others(made):
     assert np.abs(fit.torque.values - f).max() < 0.012 < 0.1 < np.abs(rigid.torque.values - f).max()
 
 
+def test_wrong_names_are_named(made):
+    dynamics, record, _ = made
+    grid = 1 / STIFFNESS[None]
+    with pytest.raises(ValueError, match=r"drive\.viscous\[7\]"):
+        fit_gears(dynamics, [record], (*dynamics.names, "drive.viscous[7]"), Known(), grid)
+
+
+@pytest.fixture(scope="module")
+def logged():
+    """A P loop on gears of 40 Hz, and these gears."""
+    arm, rig = puma560.literature_arm(1.5), puma560.rig()
+    elasticity = Elasticity.from_resonance(arm, 40, 0.02, drive=rig.drive)
+    elastic = dataclasses.replace(rig, drive=dataclasses.replace(rig.drive, elasticity=elasticity))
+    law, path = puma560.p_law((0.1, 0.08)), puma560.reference()
+    log = simulate(arm, elastic, law, path, steps_per_sample=8)
+    return arm, dataclasses.replace(log, rig=rig), elasticity
+
+
+def test_numbers_in_rows_without_weight_spoil_no_fit_of_gears(logged):
+    """Neither its bands, which the oscillation of the errors gives, nor its motions."""
+    arm, record, elasticity = logged
+    gap = np.zeros((len(record), 1), bool)
+    gap[2000:2040] = True
+    spoilt = dataclasses.replace(
+        record,
+        error_pulses=np.where(gap, record.reference_pulses, record.error_pulses),
+        valid=np.where(gap[:, 0], 0.0, 1.0),
+    )
+    assert mode_in(spoilt) == pytest.approx(mode_in(record), rel=0.02)
+    grid = 1.3 ** np.arange(-4.0, 5.0, 2)[:, None] / elasticity.stiffness
+    names = arm.dynamics.names
+    whole, found = (fit_gears(arm.dynamics, [r], names, Known(), grid) for r in (record, spoilt))
+    for with_all, without in zip(whole[2:], found[2:], strict=True):
+        np.testing.assert_array_equal(without.compliance, with_all.compliance)
+        assert without.torque.relative_error == pytest.approx(with_all.torque.relative_error, 0.1)
+
+
+def test_a_joint_without_equations_has_no_say_in_the_gears_of_others(logged):
+    """It stands still, and a prior gives what the log does not."""
+    arm, record, elasticity = logged
+    counts = np.array(record.counts)
+    counts[:, 1] = counts[0, 1]
+    still = dataclasses.replace(
+        record, error_pulses=record.reference_pulses - counts, law=LoggedTorque()
+    )
+    known = Known({}, Prior.of(arm.dynamics, record.rig, (arm, 0.3)))
+    grid = np.array([1 / 9, 1.0, 9.0])[:, None] / elasticity.stiffness
+
+    def errors(rows):
+        fits = fit_gears(arm.dynamics, [still], arm.dynamics.names, known, rows)
+        assert all(np.isnan(fit.torque.sigma[1]) for fit in fits)
+        return np.array([fit.torque.sigma[0] for fit in fits])
+
+    of_rows = [errors(row[None]) for row in grid]
+    assert np.ptp(of_rows, axis=0).min() > 0
+    assert (errors(grid) <= np.min(of_rows, axis=0)).all()
+
+
 def test_two_sensors_show_compliances_and_the_offset_of_their_zeros(made):
     dynamics, record, f = made
     shifted = dataclasses.replace(
@@ -50,6 +109,21 @@ def test_two_sensors_show_compliances_and_the_offset_of_their_zeros(made):
     # an offset for each record
     apart = fit_deflection(dynamics, [record, shifted], dynamics.names, Known())
     np.testing.assert_allclose(apart.compliance, seen.compliance, rtol=1e-3)
+
+
+def test_missing_rows_do_not_shift_what_follows_them(made):
+    dynamics, record, f = made
+    kept = np.delete(np.arange(len(record)), slice(3000, 3200))
+    columns = ("t", "error_pulses", "reference_pulses", "valid", "torque", "link_counts")
+    rows = {name: getattr(record, name)[kept] for name in columns}
+    short = dataclasses.replace(record, current=None, **rows)
+    seen = fit_deflection(dynamics, [short], dynamics.names, Known())
+    np.testing.assert_allclose(seen.compliance * STIFFNESS, 1, atol=0.01)
+    assert np.abs(seen.torque.values - f).max() < 0.03
+    grid = np.geomspace(1 / 9, 9, 5)[:, None] / STIFFNESS
+    fit = fit_gears(dynamics, [short], dynamics.names, Known(), grid)[0]
+    np.testing.assert_array_equal(fit.compliance, 1 / STIFFNESS)
+    assert np.abs(fit.torque.values - f).max() < 0.02
 
 
 def test_springs_on_the_links_are_no_part_of_what_the_gears_wind():

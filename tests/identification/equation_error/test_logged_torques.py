@@ -4,13 +4,15 @@ by a rule.
 
 import dataclasses
 import functools
+import re
 
 import numpy as np
 import pytest
 from coupled_arm import PERIOD, arm_of, path_of, rig_of
 
 from identification import fit_torque
-from plant import PID, Record, Resumed, puma560, simulate
+from identification.equation_error import over_bands, pulse_fit
+from plant import PID, LoggedTorque, Record, Resumed, puma560, simulate
 
 RIG = rig_of(coulomb=(0.1, 0.08, 0.05), current_limit=(20.0,) * 3)
 ARM = arm_of(RIG)
@@ -237,6 +239,71 @@ def test_samples_that_are_not_valid_do_not_count(measured):
         ).max()
         > 0.3
     )
+
+
+@pytest.mark.parametrize(
+    "error_of",
+    [
+        lambda arm, record: (
+            next(
+                iter(over_bands(arm.dynamics, [record], arm.dynamics.names).values())
+            ).relative_error
+        ),
+        lambda arm, record: (
+            fit_torque(
+                arm.dynamics, record, cutoff=150, band=60, every=12, least_speed=0.02
+            ).relative_error
+        ),
+    ],
+    ids=["over_bands", "fit_torque"],
+)
+def test_numbers_in_rows_without_weight_spoil_no_other_rows(measured, error_of):
+    """Longer gaps than preparation bridges: filters carry a jump of the counts far beyond them."""
+    arm, record = measured
+    gap = np.zeros((len(record), 1), bool)
+    gap[2000:2040] = True
+    spoilt = dataclasses.replace(
+        record,
+        law=LoggedTorque(),
+        error_pulses=np.where(gap, record.reference_pulses, record.error_pulses),
+        torque=np.where(gap, 0.0, record.torque),
+        valid=np.where(gap[:, 0], 0.0, 1.0),
+    )
+    whole = error_of(arm, dataclasses.replace(record, law=LoggedTorque()))
+    assert error_of(arm, spoilt) == pytest.approx(whole, rel=0.1)
+
+
+@pytest.mark.parametrize(
+    ("unknown", "cause"),
+    [
+        (puma560.dynamics().names[:-1], f"{re.escape(puma560.dynamics().names[-1])} is missing"),
+        ((*puma560.dynamics().names, "drive.viscous[7]"), r"drive\.viscous\[7\]"),
+    ],
+)
+def test_a_wrong_name_is_no_motion_that_excites_too_little(measured, unknown, cause):
+    arm, record = measured
+    with pytest.raises(ValueError, match=cause):
+        over_bands(arm.dynamics, [dataclasses.replace(record, law=LoggedTorque())], unknown)
+
+
+def test_no_band_has_the_reason_of_the_last_one(measured):
+    arm, record = measured
+    still = dataclasses.replace(
+        record, law=LoggedTorque(), error_pulses=record.reference_pulses, torque=0 * record.torque
+    )
+    with pytest.raises(ValueError, match="in some band") as refusal:
+        over_bands(arm.dynamics, [still], arm.dynamics.names)
+    assert isinstance(refusal.value.__cause__, ValueError)
+
+
+def test_roundings_of_coupled_motors_add_in_squares():
+    """Speed in a band by the spectrum of random fractions of a pulse."""
+    band = 20.0
+    q = RIG.to_angle(np.random.default_rng(0).uniform(-0.5, 0.5, (2**16, 3)))
+    frequency = np.fft.rfftfreq(len(q), RIG.period)[:, None]
+    rate = np.where(frequency < band, 2j * np.pi * frequency, 0) * np.fft.rfft(q, axis=0)
+    std = np.fft.irfft(rate, axis=0).std(axis=0)
+    np.testing.assert_allclose(pulse_fit.speed_noise(RIG, band), 3 * std, rtol=0.1)
 
 
 def test_the_torque_of_a_law_with_a_memory_comes_from_its_run():

@@ -42,6 +42,10 @@ def rig():
     )
 
 
+def prior_of(name):
+    return Prior(names=(name,), mean=np.ones(1), covariance=np.eye(1), spread=0.3)
+
+
 def test_spread_of_a_body_in_closed_form():
     """Every quadratic form of the pseudo-inertia has the relative spread; a rotor likewise, and
     apart.
@@ -182,6 +186,16 @@ def test_gauss_newton_is_bayesian_regression(problem):
     assert found.covariance == pytest.approx(scale * covariance, rel=1e-6, abs=1e-12)
 
 
+def test_a_log_without_noise_weighs_no_prior():
+    prior = PriorRows(prior_of("a"), ("a",))
+    assert [prior.settle(variance) for variance in (0.0, 0.0, 1.0, 1.01)] == [
+        True,
+        False,
+        True,
+        False,
+    ]
+
+
 def test_parameters_that_the_prior_alone_tells_apart(problem):
     """Two columns that are one: their sum comes from the log, their difference from the prior."""
     _, prior, rows, target = problem
@@ -213,6 +227,7 @@ def test_joints_in_step():
         ),
         (((BODY,), 0.3), "bodies must be 2, one Body per link; got 1"),
         ((BODY, BODY), "spread of the prior must be a positive number"),
+        (prior_of("f1"), r"prior must be of the f of .* got f1\b"),
     ],
 )
 def test_refusals(given, said):

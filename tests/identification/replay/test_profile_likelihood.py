@@ -60,6 +60,38 @@ def test_an_end_beyond_the_limit_is_the_limit():
     assert profile(linear, LEAST).end(0.01, 1e3, LEAST[0] + 0.02) == LEAST[0] + 0.02
 
 
+def test_a_flat_sum_ends_at_the_limit():
+    flat = profile(lambda z: linear(np.array([TRUTH[0], *z[1:]])), LEAST)
+    assert flat.end(1e-3, 3.84, 50) == 50
+
+
+def test_the_side_of_an_end_is_that_of_its_limit():
+    found = profile(linear, LEAST)
+    assert found.end(-0.1, 3.84, -50) == found.end(0.1, 3.84, -50) < LEAST[0]
+    with pytest.raises(ValueError, match=r"distance.*nan"):
+        found.end(np.nan, 3.84, 50)
+
+
+def test_what_lies_on_its_bound_is_fitted_again():
+    """Friction, whose negative acts like positive: a central difference about zero vanishes."""
+    B = A + np.outer(1.8 * A[:, 0], [0, 1, 0])
+    noise = NOISE - B @ np.linalg.lstsq(B, NOISE, rcond=None)[0]
+
+    def innovations(z):
+        return B @ np.array([z[0], abs(z[1]), z[2]]) - noise
+
+    bounds = np.array([(-50, 50), (0, 50), (-50, 50)], float)
+    model, step, best = Model(innovations), np.full(3, 1e-4), np.zeros(3)
+    change = slopes(model, best, step, np.arange(3), None, bounds)
+    # Without bounds, too: the profile takes slopes of its own.
+    for given in (change, slopes(model, best, step, np.arange(3))):
+        found = Profile(model, best, given, step, bounds, 0)
+        ends = [found.end(sign * 0.1, 3.84, sign * 50) for sign in (-1, 1)]
+        # Down the friction grows and makes up for it; up it stays at zero.
+        std = [np.linalg.inv(C.T @ C)[0, 0] ** 0.5 for C in (B, B[:, ::2])]
+        np.testing.assert_allclose(ends, 1.96 * np.array([-std[0], std[1]]), rtol=0.05)
+
+
 def test_a_curved_valley_is_followed():
     """Against the minimum over the others by another solver; the curvature at the best fit would
     say another end.
@@ -87,6 +119,14 @@ def test_a_lower_sum_on_the_way_is_kept():
     found.end(0.1, 3.84, -50)
     assert found.better is not None
     assert np.sum(linear(found.better) ** 2) < np.sum(linear(wrong) ** 2)
+
+
+def test_a_higher_sum_does_not_replace_a_lower_one():
+    found = profile(linear, LEAST + np.array([0.5, 0.0, 0.0]))
+    found.rise(LEAST[0], 3.84)
+    lowest = found.better
+    assert found.rise(LEAST[0] + 0.2, 3.84) < 0
+    np.testing.assert_array_equal(found.better, lowest)
 
 
 def test_what_diverges_has_no_finite_rise():

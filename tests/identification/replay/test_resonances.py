@@ -3,6 +3,7 @@ what is known beside.
 """
 
 import dataclasses
+import re
 
 import numpy as np
 import pytest
@@ -117,6 +118,33 @@ def test_a_search_stays_between_what_a_user_allows(record):
     np.testing.assert_allclose(
         start.bounds[10], 1 / (2 * np.pi * np.array([1000, 4])) ** 2, rtol=1e-9
     )
+
+
+@pytest.mark.parametrize("ratios", [(0.005, 0.05), (0.001, 0.01)])
+def test_a_rigid_start_keeps_a_range_of_damping(record, ratios):
+    """Its resonance is searched from 1000 Hz on, where the same damping is a smaller ratio."""
+    view = view_of(record)
+    values, _ = start_of(view, 60, 0.02)
+    bounds = np.tile([-np.inf, np.inf], (len(values), 1))
+    bounds[11] = values[11] * np.array(ratios) / 0.02
+    values[9] = 1e12
+    start = view.start(values, np.ones(len(values)), bounds)
+    expected = np.array(ratios) * 60 / 1000
+    # Within 0.1 to 50 %, unless that leaves nothing.
+    expected = np.clip(expected, 1e-3 if expected[1] > 1e-3 else 0, 0.5)
+    np.testing.assert_allclose(start.bounds[11], np.log(expected), rtol=1e-9)
+    assert start.steps[11] > 0
+
+
+@pytest.mark.parametrize("stiffness", [(1e9, 1e10), (0, 1e-3)])
+def test_a_range_of_stiffness_beyond_all_resonances_is_refused(record, stiffness):
+    view = view_of(record)
+    values, _ = start_of(view, 60, 0.02)
+    bounds = np.tile([-np.inf, np.inf], (len(values), 1))
+    bounds[10] = stiffness
+    ends = re.escape(f"{stiffness[0]:g} to {stiffness[1]:g}")
+    with pytest.raises(ValueError, match=rf"stiffness\[1\].* 4 to 1000 Hz.*{ends}"):
+        view.start(values, np.ones(len(values)), bounds)
 
 
 def test_rigid_rigs_get_gears_and_others_keep_theirs(record):

@@ -7,11 +7,14 @@ against its locked motor, which `Elasticity.from_resonance` and the identificati
 
 import dataclasses
 from functools import cache
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from identification import identify, nearest_physical
+from identification.replay import Start
+from identification.search import elastic
 from plant import Elasticity, puma560, simulate
 
 ARM, RIG, PATH = puma560.literature_arm(1.5), puma560.rig(), puma560.reference(2.0)
@@ -74,6 +77,31 @@ def test_resonances_are_found_and_their_intervals_hold_them(hz):
     assert result.fit.unknown == (*NAMES, *GEARS)
     assert (result.fit.std > 0).all()
     assert result.warnings == []
+
+
+def test_slopes_of_a_number_on_its_bound_are_one_sided(monkeypatch):
+    """Of friction at zero a central one vanishes, and no profile would fit it again."""
+    taken = []
+
+    def stopped(view, best, change, *_, **__):
+        taken.append(change)
+        raise StopIteration
+
+    monkeypatch.setattr(elastic, "Profile", stopped)
+    rows = np.array([[1.0, 2.0], [3.0, -1.0]])
+    view = SimpleNamespace(
+        unknown=("period", "friction"),
+        weights=np.ones(2),
+        stiffness={0: 0},
+        settle=lambda z: 1.0,
+        inertia=lambda z: np.ones(1),
+        innovations=lambda z: rows @ np.abs(z),
+        all_innovations=lambda vectors: [rows @ np.abs(z) for z in vectors],
+    )
+    start = Start(np.array([1.0, 0.0]), np.full(2, 1e-3), np.array([[0.5, 2.0], [0.0, 1.0]]))
+    with pytest.raises(StopIteration):
+        elastic.Intervals(view, SimpleNamespace(values=start.coordinates), start, final=True)
+    np.testing.assert_allclose(taken[0], 1e-3 * rows, rtol=1e-9)
 
 
 @pytest.mark.slow

@@ -11,8 +11,15 @@ import numpy as np
 import pytest
 
 from ctc import ComputedTorque, evaluate
-from identification import GeneticSettings, Objective, identify
-from identification.equation_error import equation_error, mode_in, pass_band, torque_of
+from identification import GeneticSettings, Objective, identify, oscillation
+from identification.equation_error import (
+    Known,
+    equation_error,
+    fit_deflection,
+    mode_in,
+    pass_band,
+    torque_of,
+)
 from identification.results import INTERVALS, Detection, verdict_of
 from identification.search import methods, polish, triangular_root
 from plant import (
@@ -83,6 +90,35 @@ def test_mode_in_the_spectrum_is_that_of_the_linearised_loop(arm, gain):
     slow = [modes(linearise(ARMS[arm](), RIG, puma560.p_law(gain), pose))[0, 0] for pose in poses]
     assert min(slow) * 0.9 < mode_in(measured(arm, gain)) < max(slow) * 1.1
     assert pass_band(measured(arm, gain), ARMS[arm]()) == pytest.approx(2 * max(slow), rel=0.05)
+
+
+@pytest.mark.parametrize(
+    ("shown", "cause"),
+    [
+        (lambda record: {"error_pulses": np.zeros((len(record), 2))}, "errors are constant"),
+        (
+            lambda record: {
+                "rig": dataclasses.replace(record.rig, period=0.04),
+                "t": 0.04 * np.arange(len(record)),
+            },
+            r"sampled every 0\.04 s",
+        ),
+    ],
+    ids=["no errors", "slow"],
+)
+@pytest.mark.parametrize(
+    "search",
+    [
+        oscillation,
+        pass_band,
+        lambda record: equation_error(DYNAMICS, [record], DYNAMICS.names),
+        lambda record: fit_deflection(DYNAMICS, [record], DYNAMICS.names, Known()),
+    ],
+    ids=["oscillation", "pass_band", "equation_error", "fit_deflection"],
+)
+def test_a_log_without_an_oscillation_is_refused(shown, cause, search):
+    with pytest.raises(ValueError, match=f"must show the oscillation of its loop.*{cause}"):
+        search(dataclasses.replace(measured(), **shown(measured())))
 
 
 @CASES
