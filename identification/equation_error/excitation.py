@@ -9,7 +9,7 @@ from identification.equation_error.prior import Prior
 from identification.equation_error.pulse_fit import pass_band
 from identification.equation_error.regressor import regressor_along
 from plant import Dynamics, Record
-from plant.checkup import hardly_moving, in_step
+from plant.checkup import hardly_moving, in_step, on_lines
 from plant.motion import Motion
 from plant.parts import Integers, frozen_settings, products
 
@@ -79,7 +79,8 @@ def _motion(record):
     Joints that hardly move stand still.
     """
     rig = record.rig
-    counts = record.counts
+    # Rows without weight may hold anything.
+    counts = on_lines(record, record.valid == 0).counts
     # Single counts of a joint at rest would pass for a motion of it.
     counts = np.where(hardly_moving(record), np.round(counts.mean(axis=0)), counts)
     band = min(pass_band(record), BAND_MOST / rig.period)

@@ -30,6 +30,7 @@ from identification.replay import (
 )
 from identification.search import Outcome, Problem, by_stages, fit_of
 from plant import Body, Dynamics
+from plant.checkup import on_lines
 from plant.mechanics import independent_columns
 from plant.parts import Floats, frozen, frozen_settings
 
@@ -365,7 +366,9 @@ class LoadSearch:
         of_load, offset = self._columns()
         # Friction without a deviation is exact and goes to the known torque.
         free = self.deviation > 0
-        for record, about in each_named(problem.records):
+        for logged, about in each_named(problem.records):
+            # Filters would spread rows without weight, which may hold anything.
+            record = on_lines(logged, logged.valid == 0)
             with about:
                 system = system_of(problem.dynamics, record, pass_band(record), linear)
             of_f = system.regressor[:, :, :p]

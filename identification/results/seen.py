@@ -8,6 +8,7 @@ import numpy as np
 
 from identification.equation_error import unexcited
 from plant import Record, Reference
+from plant.checkup import on_lines
 from plant.parts import Floats, Frozen, Piece, Table, frozen, frozen_settings, kept, several
 
 APART = 20  # samples from one position to the next for a speed
@@ -191,7 +192,8 @@ def _beyond(identification, reference, duration):
 
 def motion_of(record: Record) -> tuple[Floats, Floats]:
     """Positions (N, n) and speeds (M, n) of a log, from its counts."""
-    q = record.rig.to_angle(record.counts)
+    # Rows without weight may hold anything.
+    q = record.rig.to_angle(on_lines(record, record.valid == 0).counts)
     # Over several samples, so that rounding makes no speed.
     stride = slice(None, None, min(APART, len(q) - 1))
     return q, np.diff(q[stride], axis=0) / np.diff(record.t[stride])[:, None]

@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 
 from identification import identify
+from identification.equation_error import unexcited
+from identification.results import of_statements
 from plant import Record, puma560, simulate
 
 ARM, RIG, LAW = puma560.literature_arm(1.5), puma560.rig(), puma560.p_law((0.1, 0.08))
@@ -76,3 +78,26 @@ def test_a_period_that_is_no_arms_is_named():
         ValueError, match=r"rig\.period must be in seconds, such as 0\.001; it is 1 s"
     ):
         read(columns, slow)
+
+
+def in_step():
+    """A log whose joints move in step; and with counts of zero and no weight in a hundred rows."""
+    path = puma560.reference()
+    one = np.array(path.cosine)[[0, 0]], np.array(path.sine)[[0, 0]]
+    path = dataclasses.replace(path, cosine=one[0], sine=one[1], offset=(0.3, 0.3))
+    log = simulate(ARM, RIG, LAW, path)
+    gap = np.zeros(len(log), bool)
+    gap[2000:2100] = True
+    lost = np.column_stack([gap, np.zeros(len(log), bool)])
+    errors = np.where(lost, log.reference_pulses, log.error_pulses)
+    return log, dataclasses.replace(log, error_pulses=errors, valid=np.where(gap, 0.0, 1.0))
+
+
+def test_what_stands_in_rows_without_weight_is_no_motion():
+    log, gaps = in_step()
+    (message,) = unexcited(ARM.dynamics, [log])
+    assert unexcited(ARM.dynamics, [gaps]) == [message]
+    # Friction that no motor of the arm would overcome at the speed of the jumps.
+    drive = dataclasses.replace(RIG.drive, viscous=2 * RIG.drive.viscous)
+    rig = dataclasses.replace(RIG, drive=drive)
+    assert list(of_statements(rig, [gaps], ARM.dynamics.chain)) == []
