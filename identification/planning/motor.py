@@ -136,13 +136,17 @@ def _gains(record: Record) -> MotorFit:
     if record.current is None:
         raise ValueError("the record must hold currents; it has none. Log them, or state the gain.")
     drive = record.rig.drive
+    driven = drive.motor_gain * record.current
+    # The currents are of all torque, also of what was injected beside the law's.
+    if record.injected is not None:
+        driven = driven - drive.motor_torque(record.injected)
     names = tuple(f"law.gain[{i}]" for i in range(record.n))
     gains = []
     for i in range(record.n):
         error = record.error_pulses[:, i]
-        torque = drive.motor_gain[i] * record.current[:, i]
         # Fewer rows than two unknowns and a residual, or errors of one pulse, determine no slope.
-        rows = np.abs(record.current[:, i]) < _BELOW_LIMIT * drive.current_limit[i]
+        below = np.abs(record.current[:, i]) < _BELOW_LIMIT * drive.current_limit[i]
+        rows = below & (record.valid > 0)
         if rows.sum() < 3 or np.ptp(error[rows]) < 2:
             raise ValueError(
                 f"the motor of {record.rig.joint_labels[i]} must have errors of several pulses"
@@ -150,7 +154,7 @@ def _gains(record: Record) -> MotorFit:
             )
         # An offset of the current must not change the slope.
         columns = [error[rows], np.ones(rows.sum())]
-        values, std = _line([names[i], "offset"], columns, torque[rows])
+        values, std = _line([names[i], "offset"], columns, driven[rows, i])
         gains.append((values[0], std[0]))
     values, std = np.array(gains).T
     return MotorFit(names=names, values=values, std=std)
