@@ -404,14 +404,19 @@ def _equation(arm: Arm, rig: Rig, law: Law | None) -> tuple[ca.Function, ca.Func
         unit = np.where(unit > 0, unit, unit.max())
     # A row in pulses has the same noise, that of rounding, on every joint.
     per_pulse = ca.repmat(ca.DM(_torque_per_pulse(rig, law)), 1, dynamics.p)
-    # Row i: torque of joint i; column j: f j in its unit.
-    scaled = dynamics.Y(q, qd, qdd) * ca.repmat(ca.DM(unit).T, n, 1) / per_pulse
+    # Pulses and amplifiers' limits are those of motors, each of which turns one shaft.
+    coupling = rig.drive.coupling
+    # Row i: torque of shaft i; column j: f j in its unit.
+    rows = coupling.shaft_torque(dynamics.Y(q, qd, qdd))
+    scaled = rows * ca.repmat(ca.DM(unit).T, n, 1) / per_pulse
     arguments = [q, qd, qdd]
     names = ["q", "qd", "qdd"]
-    # Torque of the nominal arm along the motion, for the limits.
+    # Shaft torque of the nominal arm along the motion, for the limits.
     moving, at_rest = lumped_torque(dynamics.chain, dynamics.lumping, q, qd, qdd, ca.SX(arm.f))
     # Coulomb friction jumps, so it is not in this torque, but in the rest of the amplifier's limit.
-    tau = moving + at_rest + rig.drive.joint_viscous(qd) * qd - rig.spring_torque(q)
+    speed = coupling.shaft(qd)
+    friction = coupling.joint_torque(rig.drive.joint_viscous(speed) * speed)
+    tau = coupling.shaft_torque(moving + at_rest + friction - rig.spring_torque(q))
     return (
         ca.Function("information", arguments, [ca.vec(scaled.T @ scaled)], names, ["M"]),
         ca.Function("tau", arguments, [tau], names, ["tau"]),
@@ -419,7 +424,7 @@ def _equation(arm: Arm, rig: Rig, law: Law | None) -> tuple[ca.Function, ca.Func
 
 
 def _torque_per_pulse(rig: Rig, law: Law | None) -> Floats:
-    """Magnitude (n,) of the joint torque by one pulse of error on every motor [N m].
+    """Magnitude (n,) of the shaft torque by one pulse of error on every motor [N m].
 
     Raises
     ------
@@ -444,4 +449,5 @@ def _torque_per_pulse(rig: Rig, law: Law | None) -> Floats:
         return step[0]
 
     # The difference removes a torque at no error, such as that of gravity compensation.
-    return np.abs((torque(1.0) - torque(0.0)).full().ravel())
+    change = (torque(1.0) - torque(0.0)).full().ravel()
+    return np.abs(rig.drive.coupling.shaft_torque(change))

@@ -10,6 +10,7 @@ from identification import design_motion, identify, pulse_budget
 from plant import (
     Body,
     Chain,
+    Coupling,
     Drive,
     Dynamics,
     Encoder,
@@ -67,6 +68,26 @@ def test_springs_that_carry_the_arm_leave_its_amplifiers_free():
     # as the design takes it; dry friction is in what it keeps free
     needed += RIG.drive.joint_viscous() * qd
     assert (np.abs(needed - weight) < weak.drive.torque_limit()).all()
+
+
+@pytest.mark.parametrize("law", [None, LAW])
+def test_coupled_motors_use_the_limits_of_their_shafts(law):
+    """Shaft 1 carries half the torque of joint 1; nothing but this torque is needed."""
+    coupling = Coupling(matrix=((2, 0), (0, -1)))
+    body = Body(mass=5.0, com=(0.2, 0, 0), inertia=(0.1, 0.1, 0.1, 0, 0, 0))
+    chain = dataclasses.replace(ARM.dynamics.chain, coupling=coupling, bodies=(body, body))
+    drive = dataclasses.replace(
+        RIG.drive, coupling=coupling, current_limit=(0.4, 1.0), coulomb=0.0, viscous=0.0
+    )
+    rig = dataclasses.replace(RIG, drive=drive)
+    limits = LIMITS | {"velocity": (6.0, 6.0), "acceleration": (30.0, 30.0)}
+    path = design_motion(
+        chain, rig, law, period=3.65, harmonics=2, starts=1, iterations=15, **limits
+    )
+    dynamics = Dynamics.from_chain(chain.with_rotors(drive))
+    share = path.torque_share(dynamics.arm(dynamics.f()), rig)
+    # All that the motion may take, less a margin that stays free.
+    np.testing.assert_allclose(share, 0.8, atol=0.03)
 
 
 def test_worst_known_parameter_becomes_known(motion):
