@@ -35,7 +35,10 @@ class ExcitationSettings:
     Parameters
     ----------
     samples : int
-        Samples of a period at which the equation is set up and the limits hold.
+        Least number of samples of a period, at which the equation is set up and the limits hold.
+    samples_of_harmonic : int
+        Least number of them per period of the highest harmonic: the peak of a sine exceeds its
+        samples by at most 1 / cos(pi / 16), which is `margin` on either side.
     sharpness : int
         Power of the mean that replaces the largest variance, whose derivative jumps.
     margin : float
@@ -62,6 +65,7 @@ class ExcitationSettings:
 
     # The problem that Ipopt solves.
     samples: int = 120
+    samples_of_harmonic: int = 16
     sharpness: int = 4
     margin: float = 0.01
     torque: float = 0.8
@@ -186,6 +190,7 @@ def design_motion(
     instance("rig", rig, Rig, "The order is arm, rig, law.")
     design_arm, rig = experiment_of(arm, rig)
     model = instance("arm", design_arm, Arm, "The order is arm, rig, law.")
+    rig.require_fit(model.dynamics.chain)
     period = real("period", period, "Give seconds.", positive=True)
     # A law, for instance, has no influence on a multisine: an argument without effect is a mistake.
     search = {
@@ -209,7 +214,12 @@ def design_motion(
     if kind == "multisine":
         limits = position, velocity, acceleration
         return multisines(model, rig, period, frequencies, SETTINGS.torque, limits)
-    harmonics = SETTINGS.harmonics if harmonics is None else harmonics
+    if law is not None:
+        instance("law", law, Law, "The order is arm, rig, law.")
+    if harmonics is None:
+        harmonics = SETTINGS.harmonics
+    harmonics = whole("harmonics", harmonics, "Leave it out for the usual.")
+    seed = 0 if seed is None else whole("seed", seed, "Leave it out for 0.", least=0)
     many = model.dynamics.p > SETTINGS.many
     # The cost has local optima; each start costs one solution.
     usual = SETTINGS.starts_of_many if many else SETTINGS.starts
@@ -221,7 +231,7 @@ def design_motion(
     # 2. Optimise from random starts: one after the other in one problem, or each in its own.
     limits = motion_limits(model, period, harmonics, position, velocity, acceleration)
     experiment = model, rig, law, period, harmonics
-    random = np.random.default_rng(seed or 0)
+    random = np.random.default_rng(seed)
     begins = list(_starts(random, starts, _rates(period, harmonics), *limits))
     if executor is None:
         ends = [_end(experiment, limits, iterations, begins)]
@@ -269,7 +279,7 @@ class _Problem:
     def __init__(self, arm: Arm, rig: Rig, law: Law | None, period: float, harmonics: int) -> None:
         # 1. The motion at the samples of a period, linear in the amplitudes.
         self.period = period
-        samples = SETTINGS.samples
+        samples = max(SETTINGS.samples, SETTINGS.samples_of_harmonic * harmonics)
         order = np.arange(1, harmonics + 1)
         angle = 2 * np.pi / period * np.arange(samples)[:, None] * period / samples * order
         rate = _rates(period, harmonics)
@@ -429,15 +439,16 @@ def _torque_per_pulse(rig: Rig, law: Law | None) -> Floats:
     Raises
     ------
     ValueError
-        A law with a memory, whose torque does not follow from the error.
+        A law whose torque does not follow from the error, or is zero at any error.
     """
     if law is None:
         limit = rig.drive.torque_limit()
         return np.where(np.isfinite(limit), limit, 1.0) / SETTINGS.full_error
-    if law.has_memory(rig.n):
+    # A law that repeats a log does not read the error either.
+    if law.replays or law.has_memory(rig.n):
         raise ValueError(
-            f"law must be fast and without memory, like P; got {type(law).__name__}. Give that of"
-            " the log."
+            f"law must be fast and without memory, like P; got {type(law).__name__}. Give such a"
+            " law, or none."
         )
     # The law itself says how much torque an error of one pulse causes.
     block = law.block(rig)
@@ -450,4 +461,10 @@ def _torque_per_pulse(rig: Rig, law: Law | None) -> Floats:
 
     # The difference removes a torque at no error, such as that of gravity compensation.
     change = (torque(1.0) - torque(0.0)).full().ravel()
-    return np.abs(rig.drive.coupling.shaft_torque(change))
+    per_pulse = np.abs(rig.drive.coupling.shaft_torque(change))
+    if not per_pulse.all():
+        raise ValueError(
+            f"law must give every motor a torque against its error; that of"
+            f" {rig.joint_labels[per_pulse.argmin()]} gets none. Give it a gain."
+        )
+    return per_pulse

@@ -18,6 +18,8 @@ from plant import (
     JointSpring,
     Limits,
     Link,
+    LoggedTorque,
+    P,
     Rig,
     puma560,
     read_robot,
@@ -31,6 +33,15 @@ LIMITS = {
     "acceleration": (12.0, 16.0),
 }
 WIDTH = np.diff(puma560.PRINTED_RANGES, axis=1).ravel()
+ONE_JOINT = Rig(
+    drive=Drive(
+        gear=(9,),
+        **dict.fromkeys(("motor_inertia", "viscous", "coulomb", "motor_gain"), 1e-3),
+        current_limit=1.0,
+    ),
+    encoder=Encoder(resolution=400),
+    period=1e-3,
+)
 
 
 @pytest.fixture(scope="module")
@@ -50,6 +61,23 @@ def test_designed_motion_stays_within_its_limits(motion):
         [ARM.inverse(*state) for state in zip(q, qd, qdd, strict=True)]
     ) + RIG.drive.friction(qd)
     assert (np.abs(torque) < RIG.drive.torque_limit()).all()
+
+
+def test_a_motion_of_many_harmonics_stays_within_its_limits_between_samples_too():
+    body = Body(mass=1e-3, com=(0.1, 0, 0), inertia=(1e-4, 1e-4, 1e-4, 0, 0, 0))
+    strong = dataclasses.replace(ONE_JOINT.drive, current_limit=np.inf)
+    path = design_motion(
+        Chain(links=(Link(name="lever"),), bodies=(body,)),
+        dataclasses.replace(ONE_JOINT, drive=strong),
+        period=3.65,
+        position=[(-1.0, 1.0)],
+        velocity=(4.0,),
+        acceleration=(30.0,),
+        harmonics=16,
+        starts=1,
+        iterations=6,
+    )
+    assert np.abs(path(np.linspace(0, 3.65, 4000)).qdd).max() <= 30.0
 
 
 def test_springs_that_carry_the_arm_leave_its_amplifiers_free():
@@ -123,6 +151,14 @@ def test_same_seed_same_motion(motion):
         ({"velocity": (0, 1)}, "speeds and accelerations positive"),
         ({"period": -1}, "period must be a positive number"),
         ({"law": ComputedTorque(ARM, RIG)}, "fast and without memory"),
+        ({"law": LoggedTorque()}, "fast and without memory"),
+        ({"law": P(gain=(0.2, 0.0))}, r"law must give .* that of joint q\[1\] gets none"),
+        ({"law": "P"}, "law must be of type Law"),
+        ({"rig": ONE_JOINT, "law": None}, "rig must have 2 joints like the arm; got 1"),
+        ({"harmonics": 0}, "harmonics must be a whole number of at least 1; got 0"),
+        ({"harmonics": 2.5}, "harmonics must be a whole number of at least 1; got 2.5"),
+        ({"seed": -1}, "seed must be a whole number of at least 0; got -1"),
+        ({"seed": 1.5}, "seed must be a whole number of at least 0; got 1.5"),
         ({"arm": puma560.dynamics()}, "arm must be of type Arm"),
         ({"starts": 0}, "starts must be a whole number of at least 1; got 0"),
         ({"velocty": (1, 1)}, "Did you mean 'velocity'"),
@@ -238,16 +274,7 @@ def test_what_a_model_file_must_have_for_a_first_experiment(first):
     sliding = Chain(
         links=(Link(name="rail", prismatic=True),), bodies=(Body(mass=1.0, com=(0, 0, 0)),)
     )
-    one = Rig(
-        drive=Drive(
-            gear=(9,),
-            **dict.fromkeys(("motor_inertia", "viscous", "coulomb", "motor_gain"), 1e-3),
-            current_limit=1.0,
-        ),
-        encoder=Encoder(resolution=400),
-        period=1e-3,
-    )
     with pytest.raises(
         ValueError, match=r"position must be given: joint rail .* slides without limits"
     ):
-        design_motion(sliding, one)
+        design_motion(sliding, ONE_JOINT)
