@@ -1,6 +1,6 @@
 """Optimal excitation: harmonics that minimise the largest variance of f, within limits.
 
-The torque equation in f has one row per joint and sample, weighted by the torque of one pulse of
+The torque equation in f has one row per motor and sample, divided by the torque of one pulse of
 tracking error. The inverse of its normal matrix bounds the variance of each f. Ipopt, with
 derivatives from casadi, minimises the largest of them, each relative to the width of its range,
 over the amplitudes of a sum of harmonics, within limits of position, speed, acceleration and
@@ -37,23 +37,24 @@ class ExcitationSettings:
     samples : int
         Least number of samples of a period, at which the equation is set up and the limits hold.
     samples_of_harmonic : int
-        Least number of them per period of the highest harmonic: the peak of a sine exceeds its
-        samples by at most 1 / cos(pi / 16), which is `margin` on either side.
+        Least number of samples per period of the highest harmonic. With 16, the peak of a sum of
+        harmonics exceeds its samples by a factor of 1 / cos(pi / 16) at most; `margin` covers it.
     sharpness : int
         Power of the mean that replaces the largest variance, whose derivative jumps.
     margin : float
-        Share of the width of a limit that stays free: between the samples the motion goes a little
-        further.
+        Share of the width of a limit that stays free at either end, because the motion goes a
+        little further between the samples.
     torque : float
         Share of the amplifier's limit that the torque of the model, with viscous friction, may
         reach.
     slack : float
         Excess of a limit that the result may have [SI].
-    harmonics, iterations : int
+    harmonics, iterations, starts : int
         Defaults of `design_motion`.
-    starts, starts_of_many : int
-        The same, and that of more parameters than `many`, where a start takes long.
+    starts_of_many : int
+        Default of its `starts` for an arm of many parameters, where a start takes long.
     many : int
+        Number of parameters beyond which they are many.
     least_unit : float
         Least unit of an f without a range, as a share of the largest f: smaller ones need no better
         accuracy.
@@ -131,30 +132,31 @@ def design_motion(
         Known roughly, or as its model file says; its torques are kept below the amplifier's limit.
     rig : Rig
     law : Law, optional
-        Of the position loop, without memory; determines the torque of a pulse. By default a pulse
-        takes the same share of the largest torque on all joints. Of parameters.
+        Of the position loop, without memory; it says which torque a pulse of error causes. By
+        default that is the same share of the largest torque on all joints. Only for parameters.
     kind : {"parameters", "multisine"}
-        Purpose: f, or the responses of `frequency_response`. Some options belong to one kind.
+        What the motion is for: f, or the responses of `frequency_response`.
     period : float
         [s]; of a multisine the nearest whole number of samples.
     position : (n, 2) array_like, optional
-        Lowest and highest angle of each joint [rad]; by default 90 % of the chain's limits, or
-        within a right angle; of a multisine, which stays near a pose, a tenth of that around its
-        middle.
+        Lowest and highest angle of each joint [rad]; by default 90 % of the chain's range, or of a
+        right angle to both sides where the joint turns without end. A multisine stays near a pose:
+        its default is a tenth of that, around the middle.
     velocity, acceleration : (n,) array_like, optional
-        Largest magnitudes [rad/s], [rad/s^2]; by default 90 % of the chain's limits, and what the
-        harmonics need.
+        Largest magnitudes [rad/s], [rad/s^2]; by default what the highest harmonic needs within the
+        other limits, the velocity at most 90 % of the chain's.
     frequencies : (F,) array_like, optional
-        Of a multisine: its lines [Hz], moved to the nearest multiples of 1 / period that share no
-        factor with n.
+        Lines of a multisine [Hz], moved to the nearest multiples of 1 / period that share no factor
+        with n. Only for a multisine.
     harmonics : int, optional
-        Of parameters, as all below; 5.
+        Number of harmonics; by default 5. This and all options below are only for parameters.
     starts : int, optional
-        Random motions from which the search begins, of which the best end counts; 3, of many
-        parameters 1.
+        Number of random motions from which the search begins; the best result counts. By default 3,
+        with more than 20 parameters 1.
     seed : int, optional
+        Of the random motions; by default 0.
     iterations : int, optional
-        Of Ipopt, per start, at most; 200.
+        Largest number of iterations of Ipopt per start; by default 200.
     executor : optional
         Runs the starts in parallel: a `concurrent.futures.Executor`, a Dask ``Client``, or a
         function that makes one.
@@ -168,7 +170,8 @@ def design_motion(
     Raises
     ------
     ValueError
-        Bad input, limits in which no motion was found, a pose that the drives cannot hold.
+        Bad input, limits in which no motion was found; for a multisine, a pose that the drives
+        cannot hold.
 
     See Also
     --------
@@ -245,7 +248,7 @@ def design_motion(
         )
     _, motion = min(valid, key=lambda end: end[0])
 
-    # 3. A motor that hardly moves leaves its friction and inertia unknown.
+    # 3. The friction and the inertia of a motor that hardly moves would remain unknown.
     path = motion(np.linspace(0, period, SETTINGS.samples))
     moved = np.ptp(rig.position_in_pulses(path.q), axis=0)
     if (moved < SETTINGS.least_pulses).any():
@@ -326,7 +329,7 @@ class _Problem:
             (self.qdd, -acceleration, acceleration),
             (self.torques, -self.torque_limit, self.torque_limit),
         ):
-            # A joint without a limit gets no constraint.
+            # A torque without a limit gets no constraint.
             for i in np.flatnonzero(np.isfinite(high)).tolist():
                 margin = SETTINGS.margin * (high[i] - low[i])
                 self.opti.subject_to(
@@ -409,10 +412,10 @@ def _equation(arm: Arm, rig: Rig, law: Law | None) -> tuple[ca.Function, ca.Func
     if dynamics.ranges is None:
         unit = np.maximum(np.abs(arm.f), SETTINGS.least_unit * np.abs(arm.f).max())
     else:
-        # A fixed f, whose range has no width, needs a unit, too.
+        # The range of a fixed f has no width: its unit is the widest one.
         unit = np.diff(dynamics.ranges, axis=1).ravel()
         unit = np.where(unit > 0, unit, unit.max())
-    # A row in pulses has the same noise, that of rounding, on every joint.
+    # A row in pulses has the same noise on every motor: that of rounding.
     per_pulse = ca.repmat(ca.DM(_torque_per_pulse(rig, law)), 1, dynamics.p)
     # Pulses and amplifiers' limits are those of motors, each of which turns one shaft.
     coupling = rig.drive.coupling
@@ -423,7 +426,7 @@ def _equation(arm: Arm, rig: Rig, law: Law | None) -> tuple[ca.Function, ca.Func
     names = ["q", "qd", "qdd"]
     # Shaft torque of the nominal arm along the motion, for the limits.
     moving, at_rest = lumped_torque(dynamics.chain, dynamics.lumping, q, qd, qdd, ca.SX(arm.f))
-    # Coulomb friction jumps, so it is not in this torque, but in the rest of the amplifier's limit.
+    # Coulomb friction jumps, so it is left out: the free share of the amplifier's limit is for it.
     speed = coupling.shaft(qd)
     friction = coupling.joint_torque(rig.drive.joint_viscous(speed) * speed)
     tau = coupling.shaft_torque(moving + at_rest + friction - rig.spring_torque(q))
