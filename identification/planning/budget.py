@@ -138,7 +138,10 @@ def pulse_budget(
     # 2. Sensitivities of all readings (M, k) by central differences. `slopes` shortens steps that
     # lose the log, and gives changes per shortened step.
     step = _STEP * np.where(values == 0, np.abs(arm.f).max(), np.abs(values))
-    change = slopes(prediction, values, step, np.arange(len(values))) / step
+    # Dry friction opposes the motion whatever its sign: about zero only one side shows a change.
+    dry = [name.startswith("drive.coulomb") for name in prediction.unknown]
+    bounds = np.column_stack([np.where(dry, 0.0, -np.inf), np.full(len(values), np.inf)])
+    change = slopes(prediction, values, step, np.arange(len(values)), bounds=bounds) / step
     # Pulses for one per cent: the unit in which a user knows what counts can show.
     per_cent = np.abs(change * 0.01 * values)
 
