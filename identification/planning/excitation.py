@@ -467,7 +467,7 @@ def _torque_per_pulse(rig: Rig, law: Law | None) -> Floats:
     per_pulse = np.abs(rig.drive.coupling.shaft_torque(change))
     if not per_pulse.all():
         raise ValueError(
-            f"law must give every motor a torque against its error; that of"
+            "law must give every motor a torque against its error; that of"
             f" {rig.joint_labels[per_pulse.argmin()]} gets none. Give it a gain."
         )
     return per_pulse
