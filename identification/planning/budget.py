@@ -1,9 +1,11 @@
 """`pulse_budget`: excitation of each parameter by a motion, and its Cramer-Rao bound.
 
 The closed loop, without rounding, is simulated with each number a little larger and a little
-smaller: the change of the tracking error in pulses is all the information in a log about it. If
-readings err by rounding alone, uniformly within a quantisation cell, it gives the Cramer-Rao bound
-on the standard deviation by any method.
+smaller: the change of the tracking error in pulses is all that a log tells about the number. If
+readings err by rounding alone, uniformly within a quantisation cell, this change gives the
+Cramer-Rao bound: no method has a smaller standard deviation. Samples in one cell share one rounding
+error, so all changes are weighted by the root of the independent readings per sample, as in
+`Prediction`: 1 where every sample is in a new cell, 0 where a motor stands still.
 """
 
 from collections.abc import Iterable, Iterator
@@ -31,12 +33,12 @@ class Budget(Shown, Frozen):
     names : tuple of str
     values : (k,) numpy.ndarray
     peak, rms : (k,) numpy.ndarray
-        Change of the tracking error, largest and root mean square over samples and joints, for 1 %
-        of each [pulses].
+        Weighted change of the tracking error for 1 % of each number, largest and root mean square
+        over samples and joints [pulses].
     bound : (k,) numpy.ndarray
-        Smallest standard deviation of each with all of them unknown, from rounding alone.
+        Smallest standard deviation of each number from rounding alone, if all are unknown.
     bound_alone : (k,) numpy.ndarray
-        The same if all others are known.
+        The same if all other numbers are known.
     """
 
     dynamics: Dynamics
@@ -48,7 +50,8 @@ class Budget(Shown, Frozen):
     bound_alone: Floats
 
     def _short(self) -> str:
-        weakest = int(self.peak.argmin())
+        # One per cent of a zero changes nothing, however much the motion excites it.
+        weakest = int(np.where(self.values == 0, np.inf, self.peak).argmin())
         name = short_names(self.dynamics, self.names)[weakest]
         return (
             f"{len(self.names)} numbers; {name} is excited least, {self.peak[weakest]:.2g} pulses"
@@ -57,7 +60,6 @@ class Budget(Shown, Frozen):
 
     def _shown(self) -> Iterator[Piece]:
         columns = (self.values, self.peak, self.rms, self.bound, self.bound_alone)
-        # `bound` has all numbers unknown, `bound_alone` the one of its row.
         rows = [
             (name, f"{value:.4g}", f"{peak:.3f}", f"{rms:.4f}", f"{bound:.2g}", f"{alone:.2g}")
             for name, value, peak, rms, bound, alone in zip(
@@ -100,7 +102,7 @@ def pulse_budget(
     unknown : sequence of str, optional
         By default f; friction and gains may be added, as for `identify`.
     duration : float, optional
-        [s]; by default one period of the reference.
+        [s]; by default that of the reference.
 
     Returns
     -------
@@ -127,7 +129,7 @@ def pulse_budget(
     True
     """
     # 1. Values of the unknowns, by name, of arm, rig and law.
-    # Any record of this experiment has the same sensitivities: rounding is left out of them.
+    # The model of a prediction does not round; the counts of this record only weight its samples.
     record = simulate(arm, rig, law, reference, duration=duration)
     prediction = Prediction(arm.dynamics, record, unknown, simulated=True)
     numbers = dict(zip(arm.dynamics.names, arm.f, strict=True))
@@ -135,16 +137,19 @@ def pulse_budget(
     numbers |= rig.numbers() | law.numbers("law.")
     values = np.array([numbers[name] for name in prediction.unknown])
 
-    # 2. Sensitivities of all readings (M, k) by central differences. `slopes` shortens steps that
-    # lose the log, and gives changes per shortened step.
+    # 2. Sensitivities of all readings (M, k) by differences. `slopes` shortens steps that lose the
+    # log, in place, and gives changes per shortened step.
     step = _STEP * np.where(values == 0, np.abs(arm.f).max(), np.abs(values))
-    change = slopes(prediction, values, step, np.arange(len(values))) / step
-    # Pulses for one per cent: the unit in which a user knows what counts can show.
+    # Dry friction opposes the motion whatever its sign: about zero only one side shows a change.
+    dry = [name.startswith("drive.coulomb") for name in prediction.unknown]
+    bounds = np.column_stack([np.where(dry, 0.0, -np.inf), np.full(len(values), np.inf)])
+    change = slopes(prediction, values, step, np.arange(len(values)), bounds=bounds) / step
+    # Pulses for one per cent: a user knows that counts show no change far below one pulse.
     per_cent = np.abs(change * 0.01 * values)
 
-    # 3. The inverse of their squares, times the variance of rounding. Columns per step keep the
-    # matrix well scaled. The covariance does not depend on the readings: any column stands for
-    # them.
+    # 3. The bound: the inverse of the products of sensitivities, times the variance of rounding.
+    # Columns per step keep the matrix well scaled. The covariance does not depend on the target:
+    # any column serves for it.
     covariance = least_squares(
         prediction.unknown, change * step, change[:, 0], dependent=IDENTIFIABLE.smooth
     )[1]

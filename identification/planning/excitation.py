@@ -1,6 +1,6 @@
 """Optimal excitation: harmonics that minimise the largest variance of f, within limits.
 
-The torque equation in f has one row per joint and sample, weighted by the torque of one pulse of
+The torque equation in f has one row per motor and sample, divided by the torque of one pulse of
 tracking error. The inverse of its normal matrix bounds the variance of each f. Ipopt, with
 derivatives from casadi, minimises the largest of them, each relative to the width of its range,
 over the amplitudes of a sum of harmonics, within limits of position, speed, acceleration and
@@ -35,22 +35,26 @@ class ExcitationSettings:
     Parameters
     ----------
     samples : int
-        Samples of a period at which the equation is set up and the limits hold.
+        Least number of samples of a period, at which the equation is set up and the limits hold.
+    samples_of_harmonic : int
+        Least number of samples per period of the highest harmonic. With 16, the peak of a sum of
+        harmonics exceeds its samples by a factor of 1 / cos(pi / 16) at most; `margin` covers it.
     sharpness : int
         Power of the mean that replaces the largest variance, whose derivative jumps.
     margin : float
-        Share of the width of a limit that stays free: between the samples the motion goes a little
-        further.
+        Share of the width of a limit that stays free at either end, because the motion goes a
+        little further between the samples.
     torque : float
         Share of the amplifier's limit that the torque of the model, with viscous friction, may
         reach.
     slack : float
         Excess of a limit that the result may have [SI].
-    harmonics, iterations : int
+    harmonics, iterations, starts : int
         Defaults of `design_motion`.
-    starts, starts_of_many : int
-        The same, and that of more parameters than `many`, where a start takes long.
+    starts_of_many : int
+        Default of its `starts` for an arm of many parameters, where a start takes long.
     many : int
+        Number of parameters beyond which they are many.
     least_unit : float
         Least unit of an f without a range, as a share of the largest f: smaller ones need no better
         accuracy.
@@ -62,6 +66,7 @@ class ExcitationSettings:
 
     # The problem that Ipopt solves.
     samples: int = 120
+    samples_of_harmonic: int = 16
     sharpness: int = 4
     margin: float = 0.01
     torque: float = 0.8
@@ -127,30 +132,31 @@ def design_motion(
         Known roughly, or as its model file says; its torques are kept below the amplifier's limit.
     rig : Rig
     law : Law, optional
-        Of the position loop, without memory; determines the torque of a pulse. By default a pulse
-        takes the same share of the largest torque on all joints. Of parameters.
+        Of the position loop, without memory; it says which torque a pulse of error causes. By
+        default that is the same share of the largest torque on all joints. Only for parameters.
     kind : {"parameters", "multisine"}
-        Purpose: f, or the responses of `frequency_response`. Some options belong to one kind.
+        What the motion is for: f, or the responses of `frequency_response`.
     period : float
         [s]; of a multisine the nearest whole number of samples.
     position : (n, 2) array_like, optional
-        Lowest and highest angle of each joint [rad]; by default 90 % of the chain's limits, or
-        within a right angle; of a multisine, which stays near a pose, a tenth of that around its
-        middle.
+        Lowest and highest angle of each joint [rad]; by default 90 % of the chain's range, or of a
+        right angle to both sides where the joint turns without end. A multisine stays near a pose:
+        its default is a tenth of that, around the middle.
     velocity, acceleration : (n,) array_like, optional
-        Largest magnitudes [rad/s], [rad/s^2]; by default 90 % of the chain's limits, and what the
-        harmonics need.
+        Largest magnitudes [rad/s], [rad/s^2]; by default what the highest harmonic needs within the
+        other limits, the velocity at most 90 % of the chain's.
     frequencies : (F,) array_like, optional
-        Of a multisine: its lines [Hz], moved to the nearest multiples of 1 / period that share no
-        factor with n.
+        Lines of a multisine [Hz], moved to the nearest multiples of 1 / period that share no factor
+        with n. Only for a multisine.
     harmonics : int, optional
-        Of parameters, as all below; 5.
+        Number of harmonics; by default 5. This and all options below are only for parameters.
     starts : int, optional
-        Random motions from which the search begins, of which the best end counts; 3, of many
-        parameters 1.
+        Number of random motions from which the search begins; the best result counts. By default 3,
+        with more than 20 parameters 1.
     seed : int, optional
+        Of the random motions; by default 0.
     iterations : int, optional
-        Of Ipopt, per start, at most; 200.
+        Largest number of iterations of Ipopt per start; by default 200.
     executor : optional
         Runs the starts in parallel: a `concurrent.futures.Executor`, a Dask ``Client``, or a
         function that makes one.
@@ -164,7 +170,8 @@ def design_motion(
     Raises
     ------
     ValueError
-        Bad input, limits in which no motion was found, a pose that the drives cannot hold.
+        Bad input, limits in which no motion was found; for a multisine, a pose that the drives
+        cannot hold.
 
     See Also
     --------
@@ -186,6 +193,7 @@ def design_motion(
     instance("rig", rig, Rig, "The order is arm, rig, law.")
     design_arm, rig = experiment_of(arm, rig)
     model = instance("arm", design_arm, Arm, "The order is arm, rig, law.")
+    rig.require_fit(model.dynamics.chain)
     period = real("period", period, "Give seconds.", positive=True)
     # A law, for instance, has no influence on a multisine: an argument without effect is a mistake.
     search = {
@@ -209,7 +217,12 @@ def design_motion(
     if kind == "multisine":
         limits = position, velocity, acceleration
         return multisines(model, rig, period, frequencies, SETTINGS.torque, limits)
-    harmonics = SETTINGS.harmonics if harmonics is None else harmonics
+    if law is not None:
+        instance("law", law, Law, "The order is arm, rig, law.")
+    if harmonics is None:
+        harmonics = SETTINGS.harmonics
+    harmonics = whole("harmonics", harmonics, "Leave it out for the usual.")
+    seed = 0 if seed is None else whole("seed", seed, "Leave it out for 0.", least=0)
     many = model.dynamics.p > SETTINGS.many
     # The cost has local optima; each start costs one solution.
     usual = SETTINGS.starts_of_many if many else SETTINGS.starts
@@ -221,7 +234,7 @@ def design_motion(
     # 2. Optimise from random starts: one after the other in one problem, or each in its own.
     limits = motion_limits(model, period, harmonics, position, velocity, acceleration)
     experiment = model, rig, law, period, harmonics
-    random = np.random.default_rng(seed or 0)
+    random = np.random.default_rng(seed)
     begins = list(_starts(random, starts, _rates(period, harmonics), *limits))
     if executor is None:
         ends = [_end(experiment, limits, iterations, begins)]
@@ -235,7 +248,7 @@ def design_motion(
         )
     _, motion = min(valid, key=lambda end: end[0])
 
-    # 3. A motor that hardly moves leaves its friction and inertia unknown.
+    # 3. The friction and the inertia of a motor that hardly moves would remain unknown.
     path = motion(np.linspace(0, period, SETTINGS.samples))
     moved = np.ptp(rig.position_in_pulses(path.q), axis=0)
     if (moved < SETTINGS.least_pulses).any():
@@ -269,7 +282,7 @@ class _Problem:
     def __init__(self, arm: Arm, rig: Rig, law: Law | None, period: float, harmonics: int) -> None:
         # 1. The motion at the samples of a period, linear in the amplitudes.
         self.period = period
-        samples = SETTINGS.samples
+        samples = max(SETTINGS.samples, SETTINGS.samples_of_harmonic * harmonics)
         order = np.arange(1, harmonics + 1)
         angle = 2 * np.pi / period * np.arange(samples)[:, None] * period / samples * order
         rate = _rates(period, harmonics)
@@ -316,7 +329,7 @@ class _Problem:
             (self.qdd, -acceleration, acceleration),
             (self.torques, -self.torque_limit, self.torque_limit),
         ):
-            # A joint without a limit gets no constraint.
+            # A torque without a limit gets no constraint.
             for i in np.flatnonzero(np.isfinite(high)).tolist():
                 margin = SETTINGS.margin * (high[i] - low[i])
                 self.opti.subject_to(
@@ -399,19 +412,24 @@ def _equation(arm: Arm, rig: Rig, law: Law | None) -> tuple[ca.Function, ca.Func
     if dynamics.ranges is None:
         unit = np.maximum(np.abs(arm.f), SETTINGS.least_unit * np.abs(arm.f).max())
     else:
-        # A fixed f, whose range has no width, needs a unit, too.
+        # The range of a fixed f has no width: its unit is the widest one.
         unit = np.diff(dynamics.ranges, axis=1).ravel()
         unit = np.where(unit > 0, unit, unit.max())
-    # A row in pulses has the same noise, that of rounding, on every joint.
+    # A row in pulses has the same noise on every motor: that of rounding.
     per_pulse = ca.repmat(ca.DM(_torque_per_pulse(rig, law)), 1, dynamics.p)
-    # Row i: torque of joint i; column j: f j in its unit.
-    scaled = dynamics.Y(q, qd, qdd) * ca.repmat(ca.DM(unit).T, n, 1) / per_pulse
+    # Pulses and amplifiers' limits are those of motors, each of which turns one shaft.
+    coupling = rig.drive.coupling
+    # Row i: torque of shaft i; column j: f j in its unit.
+    rows = coupling.shaft_torque(dynamics.Y(q, qd, qdd))
+    scaled = rows * ca.repmat(ca.DM(unit).T, n, 1) / per_pulse
     arguments = [q, qd, qdd]
     names = ["q", "qd", "qdd"]
-    # Torque of the nominal arm along the motion, for the limits.
+    # Shaft torque of the nominal arm along the motion, for the limits.
     moving, at_rest = lumped_torque(dynamics.chain, dynamics.lumping, q, qd, qdd, ca.SX(arm.f))
-    # Coulomb friction jumps, so it is not in this torque, but in the rest of the amplifier's limit.
-    tau = moving + at_rest + rig.drive.joint_viscous(qd) * qd - rig.spring_torque(q)
+    # Coulomb friction jumps, so it is left out: the free share of the amplifier's limit is for it.
+    speed = coupling.shaft(qd)
+    friction = coupling.joint_torque(rig.drive.joint_viscous(speed) * speed)
+    tau = coupling.shaft_torque(moving + at_rest + friction - rig.spring_torque(q))
     return (
         ca.Function("information", arguments, [ca.vec(scaled.T @ scaled)], names, ["M"]),
         ca.Function("tau", arguments, [tau], names, ["tau"]),
@@ -419,20 +437,21 @@ def _equation(arm: Arm, rig: Rig, law: Law | None) -> tuple[ca.Function, ca.Func
 
 
 def _torque_per_pulse(rig: Rig, law: Law | None) -> Floats:
-    """Magnitude (n,) of the joint torque by one pulse of error on every motor [N m].
+    """Magnitude (n,) of the shaft torque by one pulse of error on every motor [N m].
 
     Raises
     ------
     ValueError
-        A law with a memory, whose torque does not follow from the error.
+        A law whose torque does not follow from the error, or is zero at any error.
     """
     if law is None:
         limit = rig.drive.torque_limit()
         return np.where(np.isfinite(limit), limit, 1.0) / SETTINGS.full_error
-    if law.has_memory(rig.n):
+    # A law that repeats a log does not read the error either.
+    if law.replays or law.has_memory(rig.n):
         raise ValueError(
-            f"law must be fast and without memory, like P; got {type(law).__name__}. Give that of"
-            " the log."
+            f"law must be fast and without memory, like P; got {type(law).__name__}. Give such a"
+            " law, or none."
         )
     # The law itself says how much torque an error of one pulse causes.
     block = law.block(rig)
@@ -444,4 +463,11 @@ def _torque_per_pulse(rig: Rig, law: Law | None) -> Floats:
         return step[0]
 
     # The difference removes a torque at no error, such as that of gravity compensation.
-    return np.abs((torque(1.0) - torque(0.0)).full().ravel())
+    change = (torque(1.0) - torque(0.0)).full().ravel()
+    per_pulse = np.abs(rig.drive.coupling.shaft_torque(change))
+    if not per_pulse.all():
+        raise ValueError(
+            "law must give every motor a torque against its error; that of"
+            f" {rig.joint_labels[per_pulse.argmin()]} gets none. Give it a gain."
+        )
+    return per_pulse

@@ -1,7 +1,6 @@
 """`motor_test`: P gain from currents and tracking errors, friction from currents at constant speed.
 
-Source: paper 4.2 (P from the current at a tracking error), reference [14] of the paper (friction
-from the current of a motor that turns at constant speed).
+Source: paper 4.2 for the gain, reference [14] of the paper for the friction.
 """
 
 from collections.abc import Iterator, Sequence
@@ -29,6 +28,10 @@ from plant.parts import (
 # Share of the amplifier's limit up to which a current follows the error. Chosen by hand, a little
 # below 1, so that no saturated current counts.
 _BELOW_LIMIT = 0.98
+
+# Standard deviations below which a negative number is an error of the user, and not noise. Chosen
+# by hand.
+_NEGATIVE = -2.0
 
 
 @frozen
@@ -67,32 +70,32 @@ def motor_test(
 ) -> MotorFit:
     """P gains from the currents of a record, or friction of a motor from currents at its speeds.
 
-    A motion only identifies the product of gain (amperes per pulse) and motor constant K_i: if K_i
-    is wrong by a factor, the gain is wrong by the same.
+    Currents identify the amperes per pulse. The gain is their product with the motor constant K_i:
+    if K_i is wrong by a factor, the gain is wrong by the same factor.
 
     Parameters
     ----------
     record : Record, optional
-        Under P control, with `current`: for the gains [N m per pulse]. Without a record, of a motor
-        without its arm:
+        Log under P control, with `current`, for the gains. Left out for the friction of a motor
+        without its arm, which takes the three options.
     speed : (N,) array_like
-        Of the motor, constant, in both directions [rad/s].
+        Constant speeds of the motor, in both directions, three or more of them different [rad/s].
     current : (N,) array_like
-        At each speed [A].
+        Current at each speed [A].
     motor_gain : float
         K_i [N m/A].
 
     Returns
     -------
     MotorFit
-        Names ``law.gain[0]`` and so on; or viscous [N m s/rad], coulomb [N m] and offset [N m], for
-        a `Drive` and its `FrictionCurve`.
+        Of a record ``law.gain[0]`` and so on [N m per pulse]; otherwise viscous [N m s/rad],
+        coulomb [N m] and offset [N m], as a `Drive` and its `FrictionCurve` take them.
 
     Raises
     ------
     ValueError
-        No currents, or a motor whose errors are a pulse at most; speeds in one direction only,
-        where friction and offset are not separately identifiable.
+        A record without currents, or with a motor whose errors vary by less than two pulses; speeds
+        that do not separate friction and offset; a gain or a friction that is negative.
 
     See Also
     --------
@@ -111,10 +114,11 @@ def motor_test(
     # Two tests with disjoint arguments; a mixture is a mistake.
     at_speed = (speed, current, motor_gain)
     if record is None:
-        if any(value is None for value in at_speed):
+        given = sum(value is not None for value in at_speed)
+        if given < len(at_speed):
             raise ValueError(
-                "speed, current and motor_gain must come together; got some. Give all three, or a"
-                " record."
+                f"speed, current and motor_gain must come together; got {given or 'none'} of them."
+                " Give all three, or a record."
             )
         return _friction(*at_speed)
     if any(value is not None for value in at_speed):
@@ -136,21 +140,30 @@ def _gains(record: Record) -> MotorFit:
     if record.current is None:
         raise ValueError("the record must hold currents; it has none. Log them, or state the gain.")
     drive = record.rig.drive
+    driven = drive.motor_gain * record.current
+    # The currents are of all torque, also of what was injected beside the law's.
+    if record.injected is not None:
+        driven = driven - drive.motor_torque(record.injected)
     names = tuple(f"law.gain[{i}]" for i in range(record.n))
     gains = []
     for i in range(record.n):
         error = record.error_pulses[:, i]
-        torque = drive.motor_gain[i] * record.current[:, i]
-        # Fewer rows than two unknowns and a residual, or errors of one pulse, determine no slope.
-        rows = np.abs(record.current[:, i]) < _BELOW_LIMIT * drive.current_limit[i]
+        # A slope, an offset and a residual take three rows; the slope takes errors that vary.
+        below = np.abs(record.current[:, i]) < _BELOW_LIMIT * drive.current_limit[i]
+        rows = below & (record.valid > 0)
         if rows.sum() < 3 or np.ptp(error[rows]) < 2:
             raise ValueError(
-                f"the motor of {record.rig.joint_labels[i]} must have errors of several pulses"
-                " below its limit; it has none. Log a motion."
+                f"the motor of {record.rig.joint_labels[i]} must have errors that vary"
+                " by two pulses below its limit; it has none. Log a motion."
             )
         # An offset of the current must not change the slope.
         columns = [error[rows], np.ones(rows.sum())]
-        values, std = _line([names[i], "offset"], columns, torque[rows])
+        values, std = _line([names[i], "offset"], columns, driven[rows, i])
+        if values[0] < _NEGATIVE * std[0]:
+            raise ValueError(
+                f"the gain of {record.rig.joint_labels[i]} must be positive; found {values[0]:.3g}."
+                " Check the signs of current, error and gear."
+            )
         gains.append((values[0], std[0]))
     values, std = np.array(gains).T
     return MotorFit(names=names, values=values, std=std)
@@ -161,16 +174,23 @@ def _friction(speed: Any, current: Any, motor_gain: Any) -> MotorFit:
     speeds = array("speed", speed, ("N",), advice="Give motor speeds [rad/s].")
     currents = array("current", current, speeds.shape, advice="Give one current per speed [A].")
     torque = real("motor_gain", motor_gain, "Give K_i [N m/A].", positive=True) * currents
-    # With one sign the columns of Coulomb friction and of the offset are equal.
-    if not (speeds.max(initial=0) > 0 > speeds.min(initial=0)):
-        raise ValueError(
-            f"speed must have both signs; got {speeds.min()} to {speeds.max()}. Turn the motor both"
-            " ways."
-        )
     names = ("viscous", "coulomb", "offset")
+    # With one sign the columns of Coulomb friction and of the offset are equal.
+    if not speeds.max(initial=0) > 0 > speeds.min(initial=0):
+        got = f"{speeds.min()} to {speeds.max()}" if speeds.size else "none"
+        raise ValueError(f"speed must have both signs; got {got}. Turn the motor both ways.")
+    # A motor at rest takes any current below its Coulomb friction.
+    if not speeds.all():
+        got = f"got 0 at index {(speeds != 0).argmin()}"
+        raise ValueError(f"speed must not be 0; {got}. Leave out readings of a motor at rest.")
+    # With one speed each way the three columns are dependent.
+    count = np.unique(speeds).size
+    if count < len(names):
+        raise ValueError(
+            f"speed must have three values or more; got {count}. Turn the motor slower and faster."
+        )
     values, std = _line(names, [speeds, np.sign(speeds), np.ones(len(speeds))], torque)
-    # Slightly negative values are noise; clearly negative ones are an error of the user.
-    if (values[:2] < -2 * std[:2]).any():
+    if (values[:2] < _NEGATIVE * std[:2]).any():
         raise ValueError(
             f"friction must be positive; found viscous {values[0]:.3g} and coulomb {values[1]:.3g}."
             " Check the order (speed, current) and the sign of the current: positive where the"

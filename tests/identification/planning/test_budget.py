@@ -61,6 +61,24 @@ def test_friction_and_gains_have_a_worth_too():
     assert (wider.peak[-2:] > 0.01).all()
 
 
+def test_dry_friction_of_zero_has_the_bound_of_hardly_any():
+    def bound(coulomb):
+        rig = dataclasses.replace(RIG, drive=dataclasses.replace(RIG.drive, coulomb=coulomb))
+        unknown = (*ARM.dynamics.names, "drive.coulomb[0]")
+        return pulse_budget(ARM, rig, LAW, PATH, unknown=unknown, duration=1.0).bound[-1]
+
+    assert bound((0.0, 0.1)) == pytest.approx(bound((1e-4, 0.1)), rel=0.02)
+
+
+def test_a_number_of_zero_is_not_the_weakest():
+    drive = dataclasses.replace(RIG.drive, viscous=(0.0, 1e-3))
+    rig = dataclasses.replace(RIG, drive=drive)
+    unknown = (*ARM.dynamics.names, "drive.viscous[0]")
+    budget = pulse_budget(ARM, rig, LAW, PATH, unknown=unknown, duration=0.5)
+    assert budget.peak[-1] == 0
+    assert "f8 is excited least" in repr(budget)
+
+
 def test_a_step_that_loses_the_log_is_shortened_without_another_result(budget, monkeypatch):
     simulated = Prediction.all_innovations
     moved = []

@@ -10,6 +10,7 @@ from identification import design_motion, identify, pulse_budget
 from plant import (
     Body,
     Chain,
+    Coupling,
     Drive,
     Dynamics,
     Encoder,
@@ -17,6 +18,8 @@ from plant import (
     JointSpring,
     Limits,
     Link,
+    LoggedTorque,
+    P,
     Rig,
     puma560,
     read_robot,
@@ -30,6 +33,15 @@ LIMITS = {
     "acceleration": (12.0, 16.0),
 }
 WIDTH = np.diff(puma560.PRINTED_RANGES, axis=1).ravel()
+ONE_JOINT = Rig(
+    drive=Drive(
+        gear=(9,),
+        **dict.fromkeys(("motor_inertia", "viscous", "coulomb", "motor_gain"), 1e-3),
+        current_limit=1.0,
+    ),
+    encoder=Encoder(resolution=400),
+    period=1e-3,
+)
 
 
 @pytest.fixture(scope="module")
@@ -51,6 +63,23 @@ def test_designed_motion_stays_within_its_limits(motion):
     assert (np.abs(torque) < RIG.drive.torque_limit()).all()
 
 
+def test_a_motion_of_many_harmonics_stays_within_its_limits_between_samples_too():
+    body = Body(mass=1e-3, com=(0.1, 0, 0), inertia=(1e-4, 1e-4, 1e-4, 0, 0, 0))
+    strong = dataclasses.replace(ONE_JOINT.drive, current_limit=np.inf)
+    path = design_motion(
+        Chain(links=(Link(name="lever"),), bodies=(body,)),
+        dataclasses.replace(ONE_JOINT, drive=strong),
+        period=3.65,
+        position=[(-1.0, 1.0)],
+        velocity=(4.0,),
+        acceleration=(30.0,),
+        harmonics=16,
+        starts=1,
+        iterations=6,
+    )
+    assert np.abs(path(np.linspace(0, 3.65, 4000)).qdd).max() <= 30.0
+
+
 def test_springs_that_carry_the_arm_leave_its_amplifiers_free():
     """Amplifiers too weak to hold the arm where it moves: without springs there is no motion."""
     pose = np.array([-0.75, 0.8])
@@ -67,6 +96,26 @@ def test_springs_that_carry_the_arm_leave_its_amplifiers_free():
     # as the design takes it; dry friction is in what it keeps free
     needed += RIG.drive.joint_viscous() * qd
     assert (np.abs(needed - weight) < weak.drive.torque_limit()).all()
+
+
+@pytest.mark.parametrize("law", [None, LAW])
+def test_coupled_motors_use_the_limits_of_their_shafts(law):
+    """Shaft 1 carries half the torque of joint 1; nothing but this torque is needed."""
+    coupling = Coupling(matrix=((2, 0), (0, -1)))
+    body = Body(mass=5.0, com=(0.2, 0, 0), inertia=(0.1, 0.1, 0.1, 0, 0, 0))
+    chain = dataclasses.replace(ARM.dynamics.chain, coupling=coupling, bodies=(body, body))
+    drive = dataclasses.replace(
+        RIG.drive, coupling=coupling, current_limit=(0.4, 1.0), coulomb=0.0, viscous=0.0
+    )
+    rig = dataclasses.replace(RIG, drive=drive)
+    limits = LIMITS | {"velocity": (6.0, 6.0), "acceleration": (30.0, 30.0)}
+    path = design_motion(
+        chain, rig, law, period=3.65, harmonics=2, starts=1, iterations=15, **limits
+    )
+    dynamics = Dynamics.from_chain(chain.with_rotors(drive))
+    share = path.torque_share(dynamics.arm(dynamics.f()), rig)
+    # All that the motion may take, less a margin that stays free.
+    np.testing.assert_allclose(share, 0.8, atol=0.03)
 
 
 def test_worst_known_parameter_becomes_known(motion):
@@ -102,6 +151,14 @@ def test_same_seed_same_motion(motion):
         ({"velocity": (0, 1)}, "speeds and accelerations positive"),
         ({"period": -1}, "period must be a positive number"),
         ({"law": ComputedTorque(ARM, RIG)}, "fast and without memory"),
+        ({"law": LoggedTorque()}, "fast and without memory"),
+        ({"law": P(gain=(0.2, 0.0))}, r"law must give .* that of joint q\[1\] gets none"),
+        ({"law": "P"}, "law must be of type Law"),
+        ({"rig": ONE_JOINT, "law": None}, "rig must have 2 joints like the arm; got 1"),
+        ({"harmonics": 0}, "harmonics must be a whole number of at least 1; got 0"),
+        ({"harmonics": 2.5}, "harmonics must be a whole number of at least 1; got 2.5"),
+        ({"seed": -1}, "seed must be a whole number of at least 0; got -1"),
+        ({"seed": 1.5}, "seed must be a whole number of at least 0; got 1.5"),
         ({"arm": puma560.dynamics()}, "arm must be of type Arm"),
         ({"starts": 0}, "starts must be a whole number of at least 1; got 0"),
         ({"velocty": (1, 1)}, "Did you mean 'velocity'"),
@@ -217,16 +274,7 @@ def test_what_a_model_file_must_have_for_a_first_experiment(first):
     sliding = Chain(
         links=(Link(name="rail", prismatic=True),), bodies=(Body(mass=1.0, com=(0, 0, 0)),)
     )
-    one = Rig(
-        drive=Drive(
-            gear=(9,),
-            **dict.fromkeys(("motor_inertia", "viscous", "coulomb", "motor_gain"), 1e-3),
-            current_limit=1.0,
-        ),
-        encoder=Encoder(resolution=400),
-        period=1e-3,
-    )
     with pytest.raises(
         ValueError, match=r"position must be given: joint rail .* slides without limits"
     ):
-        design_motion(sliding, one)
+        design_motion(sliding, ONE_JOINT)

@@ -42,6 +42,30 @@ def test_samples_at_the_limit_say_nothing_of_the_gain(record):
     np.testing.assert_allclose(motor_test(cut).values, (0.20, 0.15), rtol=1e-9)
 
 
+def test_rows_without_weight_say_nothing_of_the_gain(record):
+    wrong = slice(100, 160)
+    current = record.current.copy()
+    current[wrong] = 7.0
+    valid = np.ones(len(record))
+    valid[wrong] = 0.0
+    kept = motor_test(dataclasses.replace(record, valid=valid))
+    found = motor_test(dataclasses.replace(record, current=current, valid=valid))
+    np.testing.assert_array_equal(found.values, kept.values)
+    np.testing.assert_array_equal(found.std, kept.std)
+
+
+def test_an_injected_torque_is_no_part_of_the_gain():
+    made = simulate(
+        puma560.arm(),
+        RIG,
+        puma560.p_law(),
+        puma560.reference(),
+        duration=1.0,
+        injected=lambda t: np.sin(2 * np.pi * 3 * t)[:, None] * (20.0, 15.0),
+    )
+    np.testing.assert_allclose(motor_test(made).values, (0.20, 0.15), rtol=1e-9)
+
+
 def test_friction_is_found_within_five_per_cent():
     random = np.random.default_rng(1)
     speed = np.concatenate([np.linspace(20, 200, 15), -np.linspace(20, 200, 15)])
@@ -77,7 +101,15 @@ def friction(speed, current, motor_gain):
             "must be one under P control; got ComputedTorque",
         ),
         (lambda r: friction([9, 5, -5, -9], [-3, -2, 2.1, 3], 0.2), "friction must be positive"),
+        (
+            lambda r: motor_test(dataclasses.replace(r, current=-r.current)),
+            r"gain of joint q\[0\] must be positive; found -0\.2",
+        ),
+        (lambda r: motor_test(), "got none"),
         (lambda r: friction([1, 2, 3, 4], [1, 2, 3, 4], 0.2), "both signs"),
+        (lambda r: friction([], [], 0.2), "both signs; got none"),
+        (lambda r: friction([9, 5, 0, -5, -9], [3, 2, 1, -2, -3], 0.2), "got 0 at index 2"),
+        (lambda r: friction([9, 9, -5, -5], [3, 3, -2, -2], 0.2), "three values .* got 2"),
         (lambda r: friction([1, -2, 3], [1, 2, 3], 0.2), "needs more readings"),
         (lambda r: friction([1, -2], [1], 0.2), "current must have shape"),
         (lambda r: friction([1, -2, 3, 4], [1, 2, 3, np.nan], 0.2), "current must be finite"),
