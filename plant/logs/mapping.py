@@ -131,7 +131,7 @@ def record_fields(
     values = _blocks(table, columns, rig.n)
     # Notes leave the values here, so that their missing cells take no weight from a row.
     notes = {field: _note(field, values.pop(field)) for field in _NOTED if field in values}
-    values, t = _in_time(values, stated, rig)
+    values, t = _in_time(values, of_fields.get("t"), rig)
     values |= _without_torque_delay(values, torque_delay)
     # The rows that really hold a command must be found before `_held` fills the gaps.
     path_field = next((name for name in _PATH_FIELDS if name in values), None)
@@ -275,7 +275,7 @@ def _column(name, values):
     return column[:, None] if column.ndim == 1 else column
 
 
-def _in_time(values, stated, rig):
+def _in_time(values, unit, rig):
     """Times from zero [s], and the values without the rows that repeat a time."""
     if "t" not in values:
         # Without stamps the samples are one period of the controller apart.
@@ -294,8 +294,10 @@ def _in_time(values, stated, rig):
             f" {np.argmin(new)} on"
         )
         warn(text)
-    t = (stamp[new] - stamp[0]) / TIME[stated["t"]]
-    require_period(t, stated["t"], rig.period)
+    # The difference first: that of whole numbers is exact. An offset of the unit cancels.
+    elapsed = unit.converted(stamp[new] - stamp[0])
+    t = (elapsed - elapsed[0]) / TIME[unit.unit]
+    require_period(t, unit.unit, rig.period)
     return {field: value[new] for field, value in values.items()}, t
 
 

@@ -1,4 +1,4 @@
-"""Units of logged columns as a user or a heading states them, with the constant that some need.
+"""Units of logged columns, as a user or a heading states them, with their constants.
 
 A unit is a word, one word per joint, or a word with its constants: ``{"per mille of motor N m":
 rated}``, ``{"N m per A": constant}``, ``{"-100 to 100 of deg": ranges}``.
@@ -23,9 +23,9 @@ _SHARES = {"per mille": 1e-3, "per cent": 1e-2}
 # Three patterns for three kinds of constants: a rated value, a range, a factor.
 _SHARE = re.compile(r"(per mille|per cent) of (.+)")
 _RANGE = re.compile(r"(-?\d{1,9}(?:\.\d{1,9})?) to (-?\d{1,9}(?:\.\d{1,9})?) of (.+)")
-_FACTOR = re.compile(r"(.+) per (.+)")
-# Distance from whole pulses [pulses] within which converted numbers are these: single precision
-# resolves a turn of 2**20 pulses to 0.06.
+_FACTOR = re.compile(r"(.+?) per (.+)")
+# Converted numbers within this distance of whole pulses [pulses] are rounded to them: in single
+# precision a turn of 2**20 pulses is exact to 0.06.
 _NEAR = 0.1
 
 
@@ -64,10 +64,6 @@ def stated_units(
     """The unit of each mapped field: as stated, as the heading says, or the only one there is."""
     stated = dict(units or {})
     headings = {field: unit for field in columns if (unit := _heading_unit(field, columns, table))}
-    for field, unit in headings.items():
-        word = _word(field, stated[field]) if field in stated else unit
-        if isinstance(word, (str, tuple)) and word != unit:
-            warn(f"units state {word!r} of {field!r}, its heading says {unit!r}; {word!r} is used")
     # The user knows more than the heading: an exporter may convert and keep the old name.
     stated = headings | stated
     result = {}
@@ -81,7 +77,16 @@ def stated_units(
             raise ValueError(
                 f"units must state that of {field!r}; got none. Give one of {offered}."
             )
-        result[field] = _stated(field, stated.get(field, allowed[0]), n)
+        # All joints have the same times.
+        used = _stated(field, stated.get(field, allowed[0]), 1 if field == "t" else n)
+        heading = headings.get(field, used.unit)
+        # A unit with constants is one that no heading can say.
+        if used.factor is None and used.unit != heading:
+            warn(
+                f"units state {used.unit!r} of {field!r}, its heading says {heading!r};"
+                f" {used.unit!r} is used"
+            )
+        result[field] = used
     return result
 
 
@@ -105,15 +110,17 @@ def _heading_unit(field: str, columns: Mapping[str, Any], table: Mapping[str, An
     of_table = getattr(table, "units", {})
     # A joint without a second encoder has no column there.
     named = [name for name in names if name is not None]
-    units = [unit for x in named if (unit := of_table.get(x) or without_unit(x)[1]) is not None]
+    units = {x: unit for x in named if (unit := of_table.get(x) or without_unit(x)[1]) is not None}
     # A field with a single unit, such as counts, needs no words.
     if len(UNITS.get(field, ())) < 2 or not units or len(units) < len(named):
         return None
-    return units[0] if len(set(units)) == 1 else tuple(units)
+    # Any unit will do for the absent column of a joint.
+    words = tuple(units.get(x, units[named[0]]) for x in names)
+    return words[0] if len(set(words)) == 1 else words
 
 
 def _word(field: str, stated: Stated) -> str | tuple[str, ...] | tuple[re.Match[str], Any]:
-    """The library's words of what is stated, or a match of the pattern of one with constants."""
+    """What is stated, in words of the library; a unit with constants as its match and constants."""
     allowed = UNITS.get(field, ("1",))
     if isinstance(stated, Mapping):
         return _with_constants(field, stated, allowed)
@@ -126,7 +133,12 @@ def _word(field: str, stated: Stated) -> str | tuple[str, ...] | tuple[re.Match[
 
 
 def _one_word(field: str, word: Any, allowed: tuple[str, ...]) -> str:
-    name = (unit_named(word) if isinstance(word, str) else None) or word
+    if not isinstance(word, str):
+        raise ValueError(
+            f"unit of {field!r} must be a word; got {_in_one_line(word)}. Give a word, one per"
+            " joint, or {word: constants} of all joints."
+        )
+    name = unit_named(word) or word
     if name in allowed:
         return str(name)
     # A number alone cannot be read in these; say what makes it one.
@@ -150,7 +162,7 @@ def _one_word(field: str, word: Any, allowed: tuple[str, ...]) -> str:
             f"unit {word!r} of {field!r} must state the ranges of the joints; got none. Give"
             ' {"-100 to 100 of deg": [(least, most), ...]}.'
         )
-    if isinstance(word, str) and word.lower() == "grad" and "gon" in allowed:
+    if word.lower() == "grad" and "gon" in allowed:
         raise ValueError(
             f"unit of {field!r} must be 'deg' or 'gon'; got {word!r}, which is used for both. State"
             " which one it is."
@@ -206,18 +218,23 @@ def _stated(field: str, stated: Stated, n: int) -> StatedUnit:
     if match.re is _RANGE:
         # The two ends of the logged range, which the user's pair says in `unit`.
         low, high = float(match[1]), float(match[2])
-        ranges = _constants(field, constants, (n, 2), "a pair (least, most) per joint")
-        if low >= high or (ranges[:, 0] == ranges[:, 1]).any():
+        if low >= high:
             raise ValueError(
-                f"ranges of {field!r} must have two ends; got {constants!r:.60}. Give the position"
-                f" at {match[1]} and that at {match[2]}."
+                f"range in the unit of {field!r} must rise; got {match[0]!r:.60}. Write its lower"
+                " end first."
+            )
+        ranges = _constants(field, constants, (n, 2), "a pair (least, most) per joint")
+        if (ranges[:, 0] == ranges[:, 1]).any():
+            raise ValueError(
+                f"ranges of {field!r} must have two ends; got {_in_one_line(constants)}. Give"
+                f" the position at {match[1]} and that at {match[2]}."
             )
         factor = (ranges[:, 1] - ranges[:, 0]) / (high - low)
         return StatedUnit(unit=_base(match), factor=factor, offset=ranges[:, 0] - factor * low)
     factor = _constants(field, constants, (n,), "one number, or one per joint")
     if (factor == 0).any():
         raise ValueError(
-            f"constants of {field!r} must not be zero; got {constants!r:.60}. Correct."
+            f"constants of {field!r} must not be zero; got {_in_one_line(constants)}. Correct them."
         )
     return StatedUnit(unit=_base(match), factor=factor * _SHARES.get(match[1], 1.0))
 
@@ -232,6 +249,12 @@ def _constants(field: str, value: Any, shape: tuple[int, ...], expected: str) ->
         constants = np.full(shape, np.nan)
     if not np.isfinite(constants).all():
         raise ValueError(
-            f"constants of {field!r} must be {expected}; got {value!r:.60}. Give finite numbers."
+            f"constants of {field!r} must be {expected}; got {_in_one_line(value)}. Give finite"
+            " numbers."
         )
     return constants
+
+
+def _in_one_line(value: Any) -> str:
+    """The text of a value for a message: numpy breaks that of a matrix into lines."""
+    return " ".join(repr(value).split())[:60]

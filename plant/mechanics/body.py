@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
-from plant.parts import Floats, Part, Vector, array, number, part, signs
+from plant.parts import Floats, Part, Vector, array, instance, number, part, signs
 
 if TYPE_CHECKING:
     from plant.mechanics.placement import Placement
@@ -28,13 +28,13 @@ class Body(Part):
         entries of the inertia matrix (Ixy = -integral of x y dm). Zero, that of a point mass, by
         default.
     rotor : float
-        Rotor inertia reflected to the joint (of a coupled motor: to its shaft), Jm k^2 [kg m^2]
+        Rotor inertia Jm k^2, reflected to the joint, or to the shaft of a coupled motor [kg m^2]
         (`Drive.reflected_inertia`).
 
     Notes
     -----
-    Physically inconsistent numbers are accepted, since base parameters can need them;
-    `require_physical` refuses them.
+    Mass and rotor are not negative. An inertia that no body can have is accepted, since base
+    parameters can need it; `require_physical` refuses it.
 
     See Also
     --------
@@ -58,7 +58,8 @@ class Body(Part):
         signs(self, not_negative=("mass", "rotor"), advice="Check the body's numbers.")
 
     def joined(self, body: Body) -> Body:
-        """This body and a tool or load fixed to it as one body; both in the same frame."""
+        """This body and a tool or load that is fixed to it, as one; both are in the same frame."""
+        instance("body", body, Body, "Give mass and com; a point mass needs no inertia.")
         mass = self.mass + body.mass
         rotor = self.rotor + body.rotor
         # Without any mass the common centre of mass would be 0 / 0.
@@ -83,58 +84,57 @@ class Body(Part):
 
     @classmethod
     def from_standard_parameters(cls, parameters: ArrayLike) -> Body:
-        """The body with these `standard_parameters` (10,); all zero: none."""
-        advice = "Give m, mx, my, mz, Ixx, Ixy, Ixz, Iyy, Iyz, Izz."
-        phi = array("parameters", parameters, (10,), advice=advice)
+        """The body with these `standard_parameters` (10,); ten zeros give one without mass."""
+        phi = array("parameters", parameters, (10,), advice=_STANDARD)
         mass = float(phi[0])
         # Only the empty load (all ten zero) may lack mass: its centre of mass is then arbitrary.
         if not mass > 0 and phi.any():
             raise ValueError(
-                f"a load must have a positive mass; got {mass:g} kg. Only an empty gripper has"
-                " none."
+                f"parameters must have a positive mass; got {mass:g} kg. Ten zeros stand for an"
+                " empty gripper."
             )
         com = phi[1:4] / mass if mass > 0 else np.zeros(3)
         return cls(mass=mass, com=com, inertia=phi[4:] - mass * parallel_axis(com))
 
     def seen_from(self, placement: Placement) -> Body:
-        """The same body, given in the frame in which its own frame has this pose."""
+        """The same body in another frame, in which its present frame has this pose."""
         rotation = np.array(placement.rotation)
-        # R I R^T. The inertia is about the centre of mass, so the shift of the frame adds nothing.
+        # R I R'. The inertia is about the centre of mass, so the shift of the frame adds nothing.
         matrix = rotation @ inertia_matrix(self.inertia) @ rotation.T
         com = np.array(placement.position) + rotation @ self.com
         return Body(mass=self.mass, com=com, inertia=matrix[_UPPER], rotor=self.rotor)
 
     def excess(self) -> float:
-        """Share by which the largest principal moment exceeds the sum of the others; 0 of none."""
+        """Share of the largest principal moment by which it exceeds the sum of the others, or 0."""
         moments = np.linalg.eigvalsh(inertia_matrix(self.inertia))
         # A point mass has no moments.
         size = max(1e-300, np.abs(moments).max())
         return max(0.0, float(moments[2] - moments[0] - moments[1]) / size)
 
     def require_physical(self, name: str, slip: float = 1e-9) -> None:
-        """Refuse a body that is not physically consistent.
+        """Refuse numbers that no body can have; `name` is that of the body in messages.
 
-        Consistent: positive mass, positive semidefinite inertia, no principal moment above the sum
-        of the others, except by a share `slip` (by default what rounding gives).
+        The mass is positive, the inertia is positive semidefinite, and no principal moment exceeds
+        the sum of the others by more than its share `slip`, which by default is that of rounding.
         """
         moments = np.linalg.eigvalsh(inertia_matrix(self.inertia))
-        # Files round their inertias: violations below 1e-9 of the largest moment are accepted. The
-        # floor of 1e-300 serves a point mass.
+        # Files round their inertias: moments below zero by 1e-9 of the largest are accepted. A
+        # point mass has no moments.
         slack = 1e-9 * max(1e-300, np.abs(moments).max())
         if not self.mass > 0:
             raise ValueError(
-                f"link {name} must have a positive mass; got {self.mass} kg. State it, or fix the"
+                f"body {name} must have a positive mass; got {self.mass} kg. State it, or fix the"
                 " link to its neighbour."
             )
         if moments[0] < -slack:
             raise ValueError(
-                f"link {name} must have a positive semidefinite inertia; got principal moments"
+                f"body {name} must have a positive semidefinite inertia; got principal moments"
                 f" {moments}. Check the signs of Ixy, Ixz and Iyz, and that it is given about the"
                 " centre of mass."
             )
         if self.excess() > slip:
             raise ValueError(
-                f"link {name} must have an inertia that a body can have (triangle inequality); got"
+                f"body {name} must have an inertia that a body can have (triangle inequality); got"
                 f" principal moments {moments}. Check its entries."
             )
 
@@ -146,26 +146,27 @@ def parallel_axis(r: Floats) -> Floats:
 
 
 _UPPER = np.triu_indices(3)
+_STANDARD = "Give m, mx, my, mz, Ixx, Ixy, Ixz, Iyy, Iyz, Izz."
 
 
 def inertia_matrix(entries: ArrayLike) -> Floats:
     """The symmetric matrix (3, 3) with these Ixx, Ixy, Ixz, Iyy, Iyz, Izz (6,)."""
+    advice = "Give Ixx, Ixy, Ixz, Iyy, Iyz, Izz."
     upper = np.zeros((3, 3))
-    upper[_UPPER] = entries
+    upper[_UPPER] = array("entries", entries, (6,), advice=advice, finite=False)
     return np.asarray(upper + np.triu(upper, 1).T)
 
 
 def pseudo_inertia(parameters: ArrayLike) -> Floats:
     """Pseudo-inertia P = [[S, m c], [m c', m]] (4, 4) of standard parameters (10,).
 
-    S is the integral of r r' dm.
-
-    A body of positive density exists exactly where P is positive definite: positive mass, positive
-    inertia about the centre of mass, and the triangle inequality in one. Source: P. M. Wensing, S.
-    Kim, J.-J. E. Slotine, Linear matrix inequalities for physically consistent inertial parameter
-    identification, IEEE Robotics and Automation Letters 3 (2018).
+    c is the centre of mass, and S the integral of r r' dm. A body of positive density exists
+    exactly where P is positive definite, which says three things in one: the mass is positive, the
+    inertia about the centre of mass is too, and the triangle inequality holds. Source: P. M.
+    Wensing, S. Kim, J.-J. E. Slotine, Linear matrix inequalities for physically consistent inertial
+    parameter identification, IEEE Robotics and Automation Letters 3 (2018).
     """
-    phi = np.asarray(parameters, float)
+    phi = array("parameters", parameters, (10,), advice=_STANDARD, finite=False)
     inertia = inertia_matrix(phi[4:])
     result = np.zeros((4, 4))
     # I = trace(S) 1 - S and trace(I) = 2 trace(S); so S = trace(I) / 2 1 - I.
@@ -184,10 +185,10 @@ def from_pseudo_inertia(P: ArrayLike) -> Floats:
 
 
 def body_in(mass: float, inertia: Floats, name: str, pose: Placement) -> Body | None:
-    """The body of a file's element at this pose in its link's frame; None without any mass."""
+    """The body of an element of a file, at this pose in the frame of its link; None for a frame."""
     if mass < 0:
         raise ValueError(f"link {name} must have a positive mass; got {mass}. Correct it.")
-    # A frame without any mass, such as that of a tool's tip, is no body.
+    # A frame, such as that of a tool's tip, has neither mass nor inertia.
     if not mass and not np.any(inertia):
         return None
     return Body(mass=mass, com=np.zeros(3), inertia=inertia).seen_from(pose)
@@ -205,8 +206,7 @@ def symmetric_basis(d: int) -> Floats:
     return np.array(basis)
 
 
-# Root-mean-square extent [m] that a prior gets where it has none (a point mass, a rod): that of a
-# slender link.
+# Root-mean-square extent [m] of a slender link, for priors without extent: a point mass, a rod.
 _THIN = 0.03
 
 
@@ -216,12 +216,12 @@ def prior_factor(parameters: ArrayLike) -> Floats:
     Directions in which the body has no extent are widened, since L L' has to be positive definite.
     """
     P = pseudo_inertia(parameters)
-    # A prior without mass has no Cholesky factor: it gets a small one, in proportion to its
+    # A prior without mass has no Cholesky factor: it gets a small mass, in proportion to its
     # moments.
     if not P[3, 3] > 0:
         P = P + np.diag([0.0, 0.0, 0.0, 1e-3 * max(1e-3, float(np.trace(P[:3, :3])))])
-    # Second moments about the centre of mass, m times the squared root-mean-square extents along
-    # the principal axes. Only directions without extent are widened; a stated extent stays.
+    # Second moments about the centre of mass: along each principal axis m times the square of the
+    # root-mean-square extent. Only directions without extent are widened; a stated extent stays.
     central = P[:3, :3] - np.outer(P[:3, 3], P[:3, 3]) / P[3, 3]
     widths, axes = np.linalg.eigh(central)
     thin = widths < (1e-3 * _THIN) ** 2 * P[3, 3]

@@ -145,7 +145,7 @@ def chain_of(table: dict[str, Any], folder: Path) -> Chain:
 
         # 3. Standard rows are converted, with the bodies in their frames.
         rows = instance("bodies of [arm]", table.get("bodies", []), list, "Write [[arm.bodies]].")
-        bodies = [part_of(row, "plant.Body", "arm.bodies") for row in rows]
+        bodies = [part_of(row, "plant.Body", f"arm.bodies[{i}]") for i, row in enumerate(rows)]
         # Fields that the conversion does not take are set afterwards.
         chain = Chain.standard(table["links"], bodies=tuple(bodies))
         if "limits" in table:

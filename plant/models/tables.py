@@ -8,6 +8,8 @@ import re
 from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
+import numpy as np
+
 from plant.parts import PARTS, Part, from_plain, kind_of, meanings, near
 
 _UNIT = re.compile(r"\[([^\]]*)\]")
@@ -62,13 +64,18 @@ def class_of(kind, heading: str) -> type[Part]:
     raise ValueError(f"kind in [{heading}] must be that of a part; got {kind!r:.60}. {hint}")
 
 
-def check_keys(table, cls: type[Part], heading: str) -> None:
-    """Raise a ValueError for a key that is no field, and for the lack of one without a default."""
+def require_table(table, heading: str) -> None:
+    """Refuse a value that stands where a table should."""
     if not isinstance(table, Mapping):
         raise ValueError(
             f"[{heading}] must be a table of keys; got {table!r:.60}. Write [{heading}] on a line"
             " of its own."
         )
+
+
+def check_keys(table, cls: type[Part], heading: str) -> None:
+    """Refuse what is no table, a key that is no field, and the lack of a field without default."""
+    require_table(table, heading)
     fields = {field.name: field for field in dataclasses.fields(cls)}
     for key in table:
         # The nearest field with its meaning, or all of them.
@@ -96,19 +103,20 @@ def _in_brackets(cls, name):
 def part_of(table, kind: str, heading: str, parts: Mapping[str, Part] | None = None) -> Any:
     """The part that a table describes, of this kind where the table has no kind.
 
-    `heading` of the table is for messages; `parts` by their headings, ``"[arm]"``, stand for text
-    in place of a part. Raises a ValueError with the heading for unknown, missing or misspelt keys,
-    and for values that the part itself refuses.
+    `heading` of the table is for messages. Where the table has a text such as ``"[arm]"`` in place
+    of a part, the part is the one in `parts` with this heading. Raises a ValueError with the
+    heading for unknown, missing or misspelt keys, and for values that the part itself refuses.
     """
-    cls = class_of(table.get("kind", kind) if isinstance(table, Mapping) else kind, heading)
+    require_table(table, heading)
+    cls = class_of(table.get("kind", kind), heading)
     check_keys(table, cls, heading)
     kinds = _kinds(cls)
 
-    def value_of(key: str, value) -> Any:
+    def value_of(key: str, value, index: str = "") -> Any:
         if isinstance(value, Mapping):
-            return part_of(value, kinds.get(key, ""), f"{heading}.{key}", parts)
+            return part_of(value, kinds.get(key, ""), f"{heading}.{key}{index}", parts)
         if isinstance(value, list) and value and all(isinstance(row, Mapping) for row in value):
-            return tuple(value_of(key, row) for row in value)
+            return tuple(value_of(key, row, f"[{i}]") for i, row in enumerate(value))
         if isinstance(value, str) and parts and value in parts:
             return parts[value]
         return from_plain(value)
@@ -123,9 +131,10 @@ def part_of(table, kind: str, heading: str, parts: Mapping[str, Part] | None = N
 
 
 def table_of(part: Part, kind: str, parts: Mapping[str, Part] | None = None) -> dict[str, Any]:
-    """The table of a part: fields that differ from their defaults, kinds that are not implied.
+    """The table of a part: its fields, and its kind if it is not implied.
 
-    A part among `parts` is written as its heading.
+    Fields at their defaults are left out, except arrays. A part among `parts` is written as its
+    heading.
     """
     kinds = _kinds(type(part))
 
@@ -165,8 +174,8 @@ def _same(value, default):
 
 # Keys that TOML reads without quotes.
 _BARE = re.compile(r"[A-Za-z0-9_-]+")
-# Characters above which the entries of a list get lines of their own. It is part of the format:
-# another number would change each robot file that is written again.
+# From this number of characters on, the entries of a list get lines of their own. It is part of the
+# format: another number would change each robot file that is written again.
 _WIDE = 110
 
 
@@ -223,6 +232,9 @@ def _text(value):
 
 
 def _value(value):
+    # The text of a number of numpy is no number of TOML.
+    if isinstance(value, (np.generic, np.ndarray)):
+        value = value.tolist()
     # JSON and TOML write these alike; floats keep all their digits.
     if isinstance(value, (bool, int, str)):
         return _text(value)

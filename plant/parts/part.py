@@ -143,11 +143,18 @@ class Part(Saved):
             for field in present
             if getattr(self, field.name) is not None or field.default is not None
         ]
+        values = {field.name: getattr(self, field.name) for field in present}
+        # A copy gives the number for all joints alike as it is kept, an array without axes.
+        for name, value in values.items():
+            if isinstance(value, np.ndarray) and value.ndim == 0:
+                values[name] = value.item()
         lengths: dict[str, int] = {}
         # Single numbers come last: the arrays before them tell the number of joints to fill.
-        for field in sorted(present, key=lambda field: np.ndim(getattr(self, field.name)) == 0):
+        for field in sorted(
+            present, key=lambda field: isinstance(values[field.name], numbers.Real)
+        ):
             shape = field.metadata["number"]
-            value = getattr(self, field.name)
+            value = values[field.name]
             # The first field with a named length fixes that length for all others.
             expected = tuple(lengths.get(s, s) for s in shape)
             if shape == ("n",) and isinstance(value, numbers.Real) and not isinstance(value, bool):

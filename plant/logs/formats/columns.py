@@ -1,4 +1,4 @@
-"""Blocks of columns, and elements of them: ``block``, ``block[2]``, ``block.elbow``."""
+"""Names of columns: blocks, ``block``, and elements of them, ``block[2]`` or ``block.elbow``."""
 
 import contextlib
 import re
@@ -7,12 +7,12 @@ from typing import Any, NamedTuple
 
 
 class RefusalError(ValueError):
-    """What was expected, what came, what to do; the caller puts the path of the file before it."""
+    """A refusal of what a file holds; the caller puts the path of the file before its text."""
 
 
 @contextlib.contextmanager
 def refusals_left_out(numbers_only: bool) -> Iterator[None]:
-    """Ignore the refusal of a column where only columns of numbers are asked for."""
+    """Leave out a column that is refused, where only columns of numbers are asked for."""
     try:
         yield
     except RefusalError:
@@ -23,7 +23,7 @@ def refusals_left_out(numbers_only: bool) -> Iterator[None]:
 # One element of an array, ``name[2]`` or ``name.2``. At most 9 digits: int() of a long text of
 # digits is slow.
 _ELEMENT = re.compile(r"(.+?)(?:\[(\d{1,9})\]|\.(\d{1,9}))")
-# A class of MATLAB whose objects hide their numbers -> how to save these as arrays.
+# A class of MATLAB whose objects hide their numbers -> the statements that save them as arrays.
 _SAVED_AS = {
     "timetable": (
         "s = table2struct(timetable2table({0}), 'ToScalar', true);"
@@ -42,9 +42,9 @@ _SAVED_AS = {
 
 
 def choice_of(names: Collection[str] | None, prefix: str) -> Callable[[str], bool]:
-    """Predicate of the wanted columns: these names, or else all that start with the prefix.
+    """Predicate of the wanted columns: those of `names`, or all with this prefix where it is None.
 
-    An array of which an element is wanted is wanted itself.
+    An array is wanted if one of its elements is.
     """
     # Without names the prefix chooses; the caller has put the prefix before each given name.
     if names is None:
@@ -54,9 +54,9 @@ def choice_of(names: Collection[str] | None, prefix: str) -> Callable[[str], boo
 
 
 def homes_of(names: Iterable[str], available: Collection[str]) -> dict[str, str]:
-    """The arrays in which wanted columns are: as the caller spells them -> as they are available.
+    """The arrays that hold the wanted columns: their names as wanted -> as available.
 
-    A column may be an element of an array, and may have points in place of slashes.
+    A wanted name may be that of an element of an array, and may have points in place of slashes.
     """
     homes = dict[str, str]()
     for name in names:
@@ -96,16 +96,16 @@ def require_real(name: str, kind: Any, is_real: bool) -> None:
 
 
 class Block(NamedTuple):
-    """Columns (N,) or (N, k), and the labels of the k columns, where they have any."""
+    """Columns (N,) or (N, k); the labels are those of the k columns, or none."""
 
     values: Any
     labels: tuple[str, ...] = ()
 
     def elements(self, name: str) -> Iterator[str]:
-        """Names of the block's columns, of a block that is called `name`."""
+        """Names of the columns of this block, if its own is `name`; none of a single column."""
         if self.values.ndim != 2:
             return
-        # Labels or numbers, never both: a message would offer each column twice.
+        # Labels or numbers, never both, since a message offers each column once.
         if self.labels:
             yield from (f"{name}.{label}" for label in self.labels)
         else:
@@ -147,8 +147,8 @@ def picked(wanted: str, blocks: Mapping[str, Block]) -> Any:
 def oriented(columns: Mapping[str, Any]) -> dict[str, Any]:
     """Arrays with their samples along the rows.
 
-    An array of more than two axes loses those of length one. The length of the vectors tells which
-    axis of an array is that of the samples; without vectors it is the longer one.
+    An array of more than two axes loses those of length one. The axis of the samples is the one
+    that is as long as a vector; if both are, or if there are no vectors, it is the longer one.
     """
     arrays = {
         name: column.squeeze() if column.ndim > 2 else column for name, column in columns.items()
@@ -158,13 +158,15 @@ def oriented(columns: Mapping[str, Any]) -> dict[str, Any]:
         name: array[0] if array.ndim == 2 and len(array) == 1 else array
         for name, array in arrays.items()
     }
-    sizes = [max(a.shape) for a in arrays.values() if 0 < a.ndim < 3 and a.size == max(a.shape) > 1]
-    samples = max(set(sizes), key=sizes.count, default=None)
+    sizes = {max(a.shape) for a in arrays.values() if 0 < a.ndim < 3 and a.size == max(a.shape) > 1}
 
     def is_across(array: Any) -> bool:
-        if array.ndim != 2 or len(array) == samples:
+        if array.ndim != 2 or (sizes and sizes.isdisjoint(array.shape)):
             return False
         rows, width = array.shape
-        return bool(width == samples or (samples is None and width > rows))
+        # Gains of the joints are vectors too, so that both axes may be as long as one.
+        if (rows in sizes) != (width in sizes):
+            return width in sizes
+        return bool(width > rows)
 
     return {name: array.T if is_across(array) else array for name, array in arrays.items()}

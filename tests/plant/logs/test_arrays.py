@@ -87,6 +87,23 @@ def test_few_samples_of_many_joints_stay_as_the_vectors_say(tmp_path):
     np.testing.assert_array_equal(read_table(tmp_path / "a.npz")["q"], Q[:2])
 
 
+@pytest.mark.parametrize("turned", [False, True])
+@pytest.mark.parametrize("vectors", [("kp",), ("kp", "kd")])
+def test_gains_beside_the_samples_do_not_turn_them(tmp_path, vectors, turned):
+    q = Q[1:]
+    arrays = {"t": T[1:], "q": q.T if turned else q} | dict.fromkeys(vectors, np.ones(n))
+    save(tmp_path / "a.npz", arrays)
+    np.testing.assert_array_equal(read_table(tmp_path / "a.npz")["q"], q)
+
+
+def test_each_array_is_turned_by_the_vectors_of_its_own_sampling(tmp_path):
+    arrays = {"t": T, "u": T, "v": T[:50], "q": Q, "w": Q[:50].T}
+    save(tmp_path / "a.npz", arrays)
+    table = read_table(tmp_path / "a.npz")
+    np.testing.assert_array_equal(table["q"], Q)
+    np.testing.assert_array_equal(table["w"], Q[:50])
+
+
 # -- MATLAB 7.3 -----------------------------------------------------------------------------------
 def matlab73(path, fill):
     """An HDF5 file with the header of MATLAB, and what `fill` puts into it."""

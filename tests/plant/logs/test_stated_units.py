@@ -74,6 +74,7 @@ RATED = np.array([1.5, 2.25, 0.75])
         ({"N m per A": RATED}, TORQUE / RATED, "torque"),
         ({"motor N m per mA": 2e-4}, TORQUE / GEAR / 2e-4, "torque"),
         ({"N m per unit": -0.01}, -100 * TORQUE, "torque"),
+        ({"N m per mA per turn": 0.5}, 2 * TORQUE, "torque"),
         ({"per mille of A": RATED}, 1000 * TORQUE / RATED, "current"),
     ],
 )
@@ -156,10 +157,53 @@ def test_a_check_names_the_ranges_where_steps_of_joints_differ():
         ({"rated": 3}, "torque", "must say what its constants mean; got 'rated'"),
         ({"-100 to 100 of deg": (5, 5)}, "position", "must have two ends; got"),
         ({"-100 to 100 of deg": (5, 6, 7)}, "position", "a pair .least, most. per joint"),
-        ({"100 to -100 of deg": (5, 6)}, "position", "must have two ends"),
+        (
+            {"100 to -100 of deg": (5, 6)},
+            "position",
+            "unit of .* must rise; got '100 to -100 of deg'",
+        ),
+        ({"0 to 1 of rad": np.ones((3, 2))}, "position", "must have two ends; got"),
+        ({"N m per A": np.ones((3, 2))}, "torque", "must be one number, or one per joint; got"),
+        ([{"N m per A": 2.0}, "N m", "N m"], "torque", "must be a word.*got {'N m per A': 2.0}"),
+        (np.array(["N m"] * 3), "torque", "must be a word"),
+        (5, "torque", "must be a word.*got 5"),
     ],
 )
 def test_a_unit_without_what_it_needs_is_refused(unit, field, message):
     with pytest.raises(ValueError, match=message) as caught:
         record(TORQUE, unit, field)
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("unit", [{"s per tick": 0.5}, {"ms per tick": [500]}])
+def test_times_with_their_constant(unit):
+    table = {"time": 2e-3 * np.arange(N) + 7, "c": COUNTS}
+    columns = {"t": "time", "counts": "c"}
+    found = Record.from_table(table, rig=RIG, columns=columns, units={"t": unit})
+    np.testing.assert_allclose(found.t, 1e-3 * np.arange(N), rtol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("stated", "heading", "warns"),
+    [
+        (["rad"] * 3, "rad", False),
+        ({"rad per rad": 1.0}, "rad", False),
+        (["rad"] * 3, "deg", True),
+    ],
+)
+def test_a_unit_is_compared_with_its_heading_by_its_meaning(stated, heading, warns):
+    names = [f"q{i} [{heading}]" for i in range(3)]
+    table = dict(zip(names, Q.T, strict=True))
+    with warnings.catch_warnings(record=True) as noted:
+        warnings.simplefilter("always")
+        Record.from_table(table, rig=RIG, columns={"position": names}, units={"position": stated})
+    said = [str(note.message) for note in noted if "heading" in str(note.message)]
+    assert ["state 'rad'" in text for text in said] == [True] * warns
+
+
+def test_headings_of_two_units_beside_a_joint_without_a_second_encoder():
+    table = {"c": COUNTS, "a [deg]": np.degrees(Q[:, 0]), "b [rad]": Q[:, 2]}
+    columns = {"counts": "c", "link_position": ["a [deg]", None, "b [rad]"]}
+    found = Record.from_table(table, rig=RIG, columns=columns)
+    np.testing.assert_allclose(found.link_counts[:, [0, 2]], COUNTS[:, [0, 2]], atol=1e-8)
+    assert np.isnan(found.link_counts[:, 1]).all()

@@ -133,11 +133,11 @@ BALL = (0.1, 0, 0, 0.1, 0, 0.1)
 @pytest.mark.parametrize(
     ("make", "said"),
     [
-        (lambda: Body(mass=0.0, com=(0, 0, 0), inertia=BALL).require_physical("3"), "link 3 must have a positive mass"),
+        (lambda: Body(mass=0.0, com=(0, 0, 0), inertia=BALL).require_physical("3"), "body 3 must have a positive mass"),
         (lambda: Body(mass=1, com=(0, 0, 0), inertia=(0.1, 0, 0, 0.1, 0, -0.1)).require_physical("a"),
-         "link a must have a positive semidefinite inertia"),
+         "body a must have a positive semidefinite inertia"),
         (lambda: Body(mass=1, com=(0, 0, 0), inertia=(0.1, 0, 0, 0.1, 0, 0.3)).require_physical("b"),
-         r"link b must have an inertia that a body can have \(triangle inequality\)"),
+         r"body b must have an inertia that a body can have \(triangle inequality\)"),
         (lambda: Chain(links=(Link(name="1"), Link(name="1"))), "'1' comes twice"),
         (lambda: Link(name="1", a=431.8), r"a of link 1 must be a length in metres, at most 50; got 431\.8\. Divide"),
         (lambda: Chain(links=(Link(name="1"),), bodies=(1, 2)), "bodies must be 1, one Body per link; got 2"),

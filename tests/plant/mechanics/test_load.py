@@ -11,7 +11,7 @@ from packaged_arms import puma560 as whole_puma560
 from random_arms import random_body, random_chain
 
 from plant import Body, Dynamics, puma560
-from plant.mechanics import LOAD, prior_factor, pseudo_inertia
+from plant.mechanics import LOAD, inertia_matrix, prior_factor, pseudo_inertia
 
 
 def test_the_increments_are_those_of_equation_3():
@@ -58,7 +58,24 @@ def test_the_prior_of_a_solid_body_is_the_body():
     np.testing.assert_allclose((factor @ factor.T)[3], pseudo_inertia(point)[3], rtol=1e-12)
 
 
+@pytest.mark.parametrize(
+    ("function", "wrong"),
+    [
+        (pseudo_inertia, [1.0, 0.0, 0.0, 0.0, 2.0]),
+        (pseudo_inertia, np.ones(12)),
+        (inertia_matrix, 0.1),
+        (inertia_matrix, [0.1, 0.1, 0.1]),
+    ],
+)
+def test_parameters_of_another_number_are_refused(function, wrong):
+    """One moment would otherwise fill all entries of the matrix."""
+    with pytest.raises(ValueError, match="must have shape"):
+        function(wrong)
+
+
 def test_what_cannot_be():
+    with pytest.raises(ValueError, match="body must be of type Body; got a value of type float"):
+        Body(mass=1.0, com=(0, 0, 0)).joined(2.0)
     with pytest.raises(ValueError, match="positive mass"):
         Body.from_standard_parameters([-1.0, *np.zeros(9)])
     with pytest.raises(ValueError, match="positive mass"):

@@ -106,7 +106,7 @@ def test_included_files_are_read(tmp_path):
         ),
         (
             GOOD.replace('diaginertia="1 1 1"', 'diaginertia="1 1 3"'),
-            "link behind joint j .* must have an inertia that a body can have",
+            "body behind joint j .* must have an inertia that a body can have",
         ),
         (GOOD.replace('mass="1"', 'mass="nan"'), "body b must have one finite number in mass"),
         (GOOD.replace('pos="0 0 0"', 'quat="0 0 0 0"'), "must have a direction in quat"),

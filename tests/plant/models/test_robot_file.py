@@ -127,6 +127,35 @@ def test_any_table_is_read_back_by_tomllib(table):
     assert tomllib.loads("\n".join(toml_lines(table))) == table
 
 
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [
+        (np.float64(0.5), "0.5"),
+        (np.int64(2), "2"),
+        (np.float32(1.5), "1.5"),
+        (np.bool_(True), "true"),
+        (np.array([[1.0, 2.0]]), "[[1.0, 2.0]]"),
+        ([np.float64(0.5), (np.int64(1),)], "[0.5, [1]]"),
+    ],
+)
+def test_numbers_of_numpy_are_written_as_numbers(value, text):
+    lines = toml_lines({"a": value, "b": {"c": {"d": value}}})
+    found = tomllib.loads("\n".join(lines))
+    expected = tomllib.loads(f"x = {text}")["x"]
+    assert found == {"a": expected, "b": {"c": {"d": expected}}}
+
+
+def test_a_robot_with_constants_of_numpy_is_read_back(tmp_path):
+    units = {"position": "rad", "torque": {"N m per A": np.array([0.5, 0.25])}}
+    columns = {"position": ["a", "b"], "torque": ["x", "y"]}
+    law = ComputedTorque(puma560.arm(), puma560.rig(), delay=np.float64(1.0))
+    robot = Robot(arm=puma560.arm(), rig=puma560.rig(), law=law, columns=columns, units=units)
+    write_robot(robot, tmp_path / "r.toml")
+    again = read_robot(tmp_path / "r.toml")
+    assert again.law == law
+    assert again.units == {"position": "rad", "torque": {"N m per A": [0.5, 0.25]}}
+
+
 def test_packaged_robots_are_what_their_sources_say():
     paper, whole, tx40, ur5e = (
         read_robot(name) for name in ("paper_puma560", "puma560", "tx40", "ur5e")
@@ -182,7 +211,8 @@ PAPER = (FOLDER / "paper_puma560.toml").read_text()
         (PAPER.replace("motor_gain", "#motor_gain"), r"must have 'motor_gain' \(K_i, .* \[N m/A\]\); it has not"),
         (PAPER.replace("[drive]", "[drives]"), "a table of the file must be one of .*Did you mean 'drive'"),
         (PAPER.replace("ranges", "rangs"), r"a key of \[arm\] must be one of .*Did you mean 'ranges'"),
-        (PAPER.replace("alpha", "alhpa"), r"\[arm.links\] must have keys of Link; got 'alhpa'. Did you mean 'alpha'"),
+        (PAPER.replace("alpha", "alhpa"), r"\[arm.links\[0\]\] must have keys of Link; got 'alhpa'. Did you mean 'alpha'"),
+        (PAPER.replace("[law]", "[columns]").replace("[rig]", 'law = "P"\n[rig]', 1), r"\[law\] must be a table of keys; got 'P'"),
         (PAPER.replace("107.8, ", ""), "gear must have 2 numbers; got 1. Give one per joint, or one for all"),
         (PAPER.replace("plant.P", "plant.PP"), r"kind in \[law\] must be that of a part; got 'plant.PP'. Did you mean"),
         (PAPER.replace("plant.P", "ctc.Nothing"), "must be that of a part; got 'ctc.Nothing'"),

@@ -478,3 +478,26 @@ def test_variants_differ_in_one_switch_or_choice():
 def test_a_value_that_is_no_choice_is_refused():
     with pytest.raises(ValueError, match=r"rule of Switched must be .*'slow'.*'fats'.*'fast'\?"):
         Switched(size=1.0, rule="fats")
+
+
+@part
+class Alike(Part):
+    gain: object = number(("n",), alike=True)
+    spread: object = number(("n",), default=None)
+
+
+@pytest.mark.parametrize("one", [2.0, 2, np.float64(2.0), np.array(2.0), np.array(2)])
+def test_one_number_for_all_joints_may_be_an_array_without_axes(one):
+    alone = Alike(gain=one)
+    assert alone.gain.shape == ()
+    assert dataclasses.replace(alone) == alone == Alike(gain=2.0)
+    both = Alike(gain=one, spread=[1.0, 3.0])
+    assert both.gain.shape == ()
+    repeated = dataclasses.replace(puma560.rig().drive, viscous=one)
+    assert repeated.viscous.tolist() == [2.0, 2.0]
+
+
+@pytest.mark.parametrize("wrong", [np.array(True), np.array("a"), [[1.0], [1.0, 2.0]]])
+def test_what_is_no_row_of_numbers_is_refused_by_the_name_of_its_field(wrong):
+    with pytest.raises(ValueError, match=r"^gain of Alike must"):
+        Alike(gain=wrong)
