@@ -194,17 +194,21 @@ def write_running(
     name: str,
     without: Sequence[str] = (),
     *,
+    begin: Floats | None = None,
     target: str | None = None,
     precision: str = "double",
     **output: Any,
 ) -> None:
-    """Write the files of `Running.to_c`; `output` are the arguments of `Output.of`."""
+    """Write the files of `Running.to_c`; `output` are the arguments of `Output.of`.
+
+    The law begins in the state `begin` (s,), by default in its own initial state.
+    """
     # What cannot be exported is refused before a file is touched.
     require_exportable(rig, name)
     # Output before target: single precision is refused by the largest count.
     form = Output.of(law, rig, **output)
     place = Target.of(target, precision, rig, form.largest)
-    values = values_of(law, rig, guards, name, form, without, place)
+    values = values_of(law, rig, guards, name, form, without, place, begin)
     write_files(folder, name, values, place)
 
 
@@ -216,8 +220,9 @@ def values_of(
     output: Output,
     without: Sequence[str] = (),
     target: Target = HOST,
+    begin: Floats | None = None,
 ) -> dict[str, Any]:
-    """Values of the templates for a running controller."""
+    """Values of the templates for a running controller that begins as in `write_running`."""
     # The same block as in Python, so that C and Python compute the same equations.
     block = law.block(rig)
     if output.sends is None:
@@ -225,6 +230,8 @@ def values_of(
         block.require_torque("the C of a controller with guards")
     layout = Layout.of(block, rig.n)
     vector = initial_memory(law, rig, block, guards)
+    if begin is not None:
+        view(vector, rig.n, 0).state[:] = begin
     pieces = pieces_of(law, rig, block, without)
     memory = f"{name}_state *memory"
     # 1. The functions of law, rig and output, from casadi.

@@ -121,7 +121,7 @@ class Running:
         target: str | None = None,
         precision: str = "double",
     ) -> None:
-        """Export this controller as C99, with all its guards.
+        """Export this controller as C99, with all its guards, as it was at its start.
 
         The arguments are those of `Law.to_c`, and these two.
 
@@ -142,6 +142,7 @@ class Running:
             folder,
             name,
             self.without,
+            begin=view(self._initial, self.n, 0).state,
             target=target,
             precision=precision,
             output=output,

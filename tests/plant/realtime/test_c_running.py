@@ -135,6 +135,22 @@ def test_a_call_that_nothing_can_answer_changes_nothing(tmp_path):
     assert twin.step((0, 0), (0.001, 0), (0, 0), (0, 0))[0] == 0
 
 
+@pytest.mark.parametrize(
+    "known", [{"torque": (30.0, 9.0)}, {"friction": ((0.11, 0.15), (8e-4, 14e-4))}]
+)
+def test_it_begins_with_what_the_controller_knew_at_its_start(tmp_path, known):
+    law = ComputedTorque(puma560.literature_arm(1.5), RIG)
+    running = law.start(RIG, (0, 0), **known)
+    assert (running.state != law.start(RIG, (0, 0)).state).any()
+    twin = InC(running, tmp_path, (0, 0))
+    for _ in range(3):
+        motion = (0.0, 0.001), (0.2, -0.1), (0.0, 0.0)
+        code, own = twin.step((0, 0), *motion)
+        assert code == 0
+        torque = running.step((0, 0), *motion)
+        np.testing.assert_allclose(own, torque, rtol=0, atol=ROUNDING * LIMIT.max())
+
+
 def test_it_is_sound_under_the_sanitizers(tmp_path):
     """A program of its own, since a sanitizer has to be there before all else."""
     law = ComputedTorque(puma560.literature_arm(1.5), RIG, bandwidth=60.0)
