@@ -119,7 +119,7 @@ def _values(law, rig, output, without, controller):
     ]
     start = ""
     if outputs:
-        members.append(f"{output.kind} {stored}[{n}]; /* output of the last step */")
+        members.append(f"{output.kind} {stored}[{outputs}]; /* output of the last step */")
     if states:
         members.append(f"double state[{states}]; /* of the law */")
         start = f"static const double state[{states}] = {braced(block.initial)};\n"
