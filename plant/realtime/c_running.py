@@ -239,7 +239,7 @@ def values_of(
     if output.sends is None:
         giving = _giving(output, law, rig, memory, layout)
     else:
-        giving = _sending(output, sent_by(law, rig, block, guards), memory, layout)
+        giving = _sending(output, sent_by(law, rig, block, guards, without), memory, layout)
     body = "\n".join([*functions, giving])
     limits = "guards and stop" if guards is not None else "stop, without guards"
     about = f"{type(law).__name__}, with the {limits} of the running controller. {sides(without)}"
@@ -368,7 +368,7 @@ def _sending(output: Output, piece: Piece, memory: str, layout: Layout) -> str:
         for source in piece.sources
     ]
     lines, values, _ = statements(piece.function, inputs)
-    # The memory has the torque, with the part that the firmware adds.
+    # The memory has the torque, and the part of it that the firmware adds.
     body = ["(void)torque;", *lines[UNIFORM], *lines[STATE]]
     body += [f"given[{i}] = ({output.kind})({value});" for i, value in enumerate(values)]
     return _defined(f"give(const {memory}, const double *torque, {output.kind} *given)", body)

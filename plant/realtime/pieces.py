@@ -158,11 +158,13 @@ def _piece(name: str, results: dict[str, ca.SX], memory: dict[str, ca.SX]) -> Pi
     return Piece(function, sources, list(results))
 
 
-def sent_by(law: Any, rig: Rig, block: Any, guards: Guards | None) -> Piece:
+def sent_by(
+    law: Any, rig: Rig, block: Any, guards: Guards | None, without: Sequence[str] = ()
+) -> Piece:
     """What the inner loop of a rig gets of a call: the rows of `Running.goal` or `.frame`."""
     n = rig.n
     layout = Layout.of(block, n)
-    joints = ("q", "qd", "qdd", "counts", "held_counts", "torque")
+    joints = ("q", "qd", "qdd", "counts", "held_counts", "torque", "left_out")
     memory = {
         name: ca.SX.sym(name, len(layout.components(name)))
         for name in ("released", "calls", *joints, "numbers")
@@ -181,7 +183,8 @@ def sent_by(law: Any, rig: Rig, block: Any, guards: Guards | None) -> Piece:
     qd, qdd = (ca.if_else(free, 0, memory[name]) for name in ("qd", "qdd"))
 
     # The same equations as in the simulator convert a torque to goal or frame.
-    sent = block.sent(q, qd, qdd, memory["counts"], memory["torque"], numbers)
+    torque = memory["torque"] - (memory["left_out"] if without else 0)
+    sent = block.sent(q, qd, qdd, memory["counts"], torque, numbers)
     frame = Frame(*ca.vertsplit(sent, n))
     return _piece("sent", {known.inner.sends: known.inner.values(rig, frame)}, memory)
 

@@ -103,7 +103,7 @@ class Running:
         # A function computes what the inner loop receives; the places of its inputs in the memory
         # are looked up once.
         if block.sent is not None:
-            self._sending = sent_by(law, rig, block, guards)
+            self._sending = sent_by(law, rig, block, guards, without)
             layout = Layout.of(block, rig.n)
             self._sent_places = [
                 [place for place, _ in layout.components(name)] for name in self._sending.sources
