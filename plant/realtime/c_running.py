@@ -53,7 +53,7 @@ from plant.realtime.memory import (
     Layout,
     view,
 )
-from plant.realtime.pieces import RAMP, Piece, pieces_of, sent_by
+from plant.realtime.pieces import RAMP, ROUNDING, SINGLE_ROUNDING, Piece, pieces_of, sent_by
 from plant.realtime.status import wording
 
 # Prefix of every function's name: C's library has a read, and a finite.
@@ -232,7 +232,8 @@ def values_of(
     vector = initial_memory(law, rig, block, guards)
     if begin is not None:
         view(vector, rig.n, 0).state[:] = begin
-    pieces = pieces_of(law, rig, block, without)
+    rounding = SINGLE_ROUNDING if target.single else ROUNDING
+    pieces = pieces_of(law, rig, block, without, rounding)
     memory = f"{name}_state *memory"
     # 1. The functions of law, rig and output, from casadi.
     functions = [_function(piece, pieces[piece], memory, layout) for piece in pieces]

@@ -43,10 +43,13 @@ RAMP = 0.1
 HELD = 0.5e-3
 
 # Relative rounding error of sums of periods, and of a torque at its limit.
-_ROUNDING = 1e-9
+ROUNDING = 1e-9
+
+# That of a torque at its limit in single precision.
+SINGLE_ROUNDING = 1e-5
 
 # Age at which the newest slot is full [s].
-SLOT = (1 - _ROUNDING) * WINDOW / (SLOTS - 1)
+SLOT = (1 - ROUNDING) * WINDOW / (SLOTS - 1)
 
 # Time constant of the running mean [s]: 100 rad/s, above the frequencies of a path.
 MEMORY = 0.01
@@ -87,8 +90,13 @@ class Piece(NamedTuple):
     targets: list[str]
 
 
-def pieces_of(law: Any, rig: Rig, block: Any, without: Sequence[str] = ()) -> dict[str, Piece]:
-    """The functions of `plant.realtime.calls` by name, for one law and one rig."""
+def pieces_of(
+    law: Any, rig: Rig, block: Any, without: Sequence[str] = (), rounding: float = ROUNDING
+) -> dict[str, Piece]:
+    """The functions of `plant.realtime.calls` by name, for one law and one rig.
+
+    A torque is at its limit, too, where `rounding` (relative) has put it below.
+    """
     n = rig.n
     layout = Layout.of(block, n)
     names = (*RUN_FIELDS, *JOINT_FIELDS, *LAW_STATES, "numbers")
@@ -142,7 +150,7 @@ def pieces_of(law: Any, rig: Rig, block: Any, without: Sequence[str] = ()) -> di
         "needed": {"model_change": _needed(law, rig, motion) - _needed(law, rig, rest_motion)},
         "bounds": {"beyond": _bounds(rig, memory)},
         "planned": {"reference_speed": rig.position_in_pulses(memory["qd"])},
-        "limited": {"direction": _direction(memory["torque"], rig)},
+        "limited": {"direction": _direction(memory["torque"], rig, rounding)},
         "left_out": {"left_out": model_part(law, rig, without, arm_motion)},
     }
     return {name: _piece(name, results[name], memory) for name in PIECES}
@@ -259,13 +267,13 @@ def _ramp(law, rig, memory):
     return begin + ca.fmin(1, memory["since"] / (RAMP * duration)) * (end - begin)
 
 
-def _direction(torque, rig):
+def _direction(torque, rig, rounding):
     """Direction (n, 1), 1 or -1, in which a joint torque at its limit pushes the counts; else 0."""
     # A motor turns its counts down where gear or encoder have a negative sign.
     shaft = rig.drive.coupling.shaft_torque(torque)
     direction = ca.sign(shaft) * ca.sign(rig.encoder.position_in_pulses(rig.drive.gear))
     # Conversions round, so a limited torque may come out just below the limit.
-    return (ca.fabs(shaft) >= (1 - _ROUNDING) * rig.drive.torque_limit()) * direction
+    return (ca.fabs(shaft) >= (1 - rounding) * rig.drive.torque_limit()) * direction
 
 
 def _monitored(rig, memory):

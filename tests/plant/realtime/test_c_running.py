@@ -5,6 +5,7 @@ under the sanitizers.
 
 import ast
 import ctypes
+import re
 import shutil
 import subprocess
 from functools import cache
@@ -149,6 +150,16 @@ def test_it_begins_with_what_the_controller_knew_at_its_start(tmp_path, known):
         assert code == 0
         torque = running.step((0, 0), *motion)
         np.testing.assert_allclose(own, torque, rtol=0, atol=ROUNDING * LIMIT.max())
+
+
+@pytest.mark.parametrize(("precision", "kind"), [("double", np.float64), ("single", np.float32)])
+def test_a_torque_that_rounds_below_its_limit_is_at_it(tmp_path, precision, kind):
+    puma560.p_law().start(RIG, (0, 0)).to_c(tmp_path, name="arm", precision=precision)
+    code = (tmp_path / "arm.c").read_text()
+    limited = code[code.index("running_limited(arm_state *memory)\n{") :].split("\n}")[0]
+    share = max(kind(text) for text in re.findall(r"\b0\.99\d+", limited))
+    # Conversions to the shaft and back, and the last sample of a ramp, take some operations.
+    assert 0.99 < share < 1 - 8 * np.finfo(kind).eps
 
 
 def test_it_is_sound_under_the_sanitizers(tmp_path):
