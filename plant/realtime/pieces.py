@@ -69,14 +69,19 @@ def knows_arm(law: Any) -> bool:
 def model_part(law: Any, rig: Rig, without: Sequence[str], motion: tuple[ca.SX, ...]) -> ca.SX:
     """Torque (n, 1) [N m] of these parts of a law's model for a motion (q, qd, qdd).
 
-    ValueError for a part that the model does not have.
+    ValueError for a part that the model does not have, or that occurs twice.
     """
     parts = law.model_parts(*motion)
     # A string is a sequence of its letters, and needs an advice of its own.
     single = isinstance(without, str)
-    if single or not set(without) <= set(parts) or len(set(without)) < len(without):
+    try:
+        sound = not single and set(without) <= set(parts) and len(set(without)) == len(without)
+    except TypeError:
+        # It is no sequence, or has an element that is no name.
+        sound = False
+    if not sound:
         names = ", ".join(parts) or "none, since it has no model of the arm"
-        advice = f"Write ({without!r:.60},)." if single else "Leave out what it has not."
+        advice = f"Write ({without!r:.60},)." if single else "Give (), or a tuple of such parts."
         rule = f"without must be a sequence of parts of {type(law).__name__} ({names}), each once"
         raise ValueError(f"{rule}; got {without!r:.60}. {advice}")
     return sum((parts[name] for name in without), ca.SX.zeros(rig.n))
