@@ -223,6 +223,11 @@ def values_of(
     begin: Floats | None = None,
 ) -> dict[str, Any]:
     """Values of the templates for a running controller that begins as in `write_running`."""
+    # The controller and its guards would have functions of the same name.
+    if f"{name}_" == PREFIX:
+        raise ValueError(
+            f"name must differ from the prefix of the guards; got {name!r}. Rename it."
+        )
     # The same block as in Python, so that C and Python compute the same equations.
     block = law.block(rig)
     if output.sends is None:
