@@ -164,7 +164,7 @@ def _fields(fields: Mapping[str, str]) -> Iterable[str]:
 
 
 def initial_struct(vector: Floats, layout: Layout) -> str:
-    """Initialiser of the memory; all other fields are zero."""
+    """Initialiser of the memory, without the fields that are zero."""
     memory = view(vector, layout.n, 0)
     # The places of the numbers follow from the layout, which the struct shares.
     numbers = vector[[position for position, _ in layout.components("numbers")]]

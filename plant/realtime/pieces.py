@@ -4,12 +4,12 @@ Each function reads some quantities of the memory (`plant.realtime.memory`) and 
 
 Saturation and chatter are those of the shafts, which have the amplifiers' limits; without coupling
 they are the joints. *Saturation* is the time at the limit within a sliding window of `WINDOW`. The
-window consists of slots: the oldest is dropped when the newest is full (`SLOT`), so the window is
-never shorter than `WINDOW`, and at most one slot longer. *Chatter* is the mean distance of the
-torque from its running mean. Quantisation or a sound loop adds little to the torque, compared with
-the limit, however much of it changes from one sample to the next; the oscillation of an unstable
-loop grows until it reaches the limit, at any frequency (`tests/benchmarks/guards.py`). A fast path
-moves the mean instead.
+window consists of slots: the oldest is dropped when the newest is full (`SLOT`). So the window is
+never shorter than `WINDOW`; it is longer by one slot at most, and by less than a period per slot.
+*Chatter* is the mean distance of the torque from its running mean. Quantisation, or a sound loop,
+moves the torque by a small share of the limit, even if it does so in every sample; the oscillation
+of an unstable loop grows until it reaches the limit, at any frequency
+(`tests/benchmarks/guards.py`). A fast path moves the mean instead.
 """
 
 from collections.abc import Sequence
@@ -38,8 +38,8 @@ SMOOTHING = 0.25
 # the limit.
 RAMP = 0.1
 
-# Time for which a law without a period must stay at its limit before it counts [s]: one pulse may
-# take it there.
+# Time [s] from which on a visit of a law without a period to its limit counts: one pulse may take
+# the torque there.
 HELD = 0.5e-3
 
 # Relative rounding error of sums of periods, and of a torque at its limit.
@@ -203,7 +203,7 @@ def sent_by(
 
 
 def _needed(law, rig, motion):
-    """Torque of a motion by the law's model, less that of springs; zeros without one."""
+    """Torque of a motion by the law's model, less that of springs; zeros without a model."""
     q, qd, qdd = motion
     if not knows_arm(law):
         return ca.SX.zeros(rig.n)

@@ -208,7 +208,7 @@ class Running:
         ValueError
             Something missing, wrong shapes, counts that are not whole, a clock that does not
             advance; without guards also NaN in the reference, or a law that gives no finite torque.
-            Nothing has changed then.
+            Counts, torque and state are those of the call before then.
         """
         # Waiting for the other thread would break the period, so the call is refused at once.
         if not self._free.acquire(False):
