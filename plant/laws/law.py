@@ -238,7 +238,8 @@ class Law(Part, abc.ABC):
         without : sequence of str
             The parts, of "gravity", "friction" and "inertia", that firmware adds. `step` evaluates
             them at the measured angle and the reference's speed and acceleration, and leaves them
-            out of the torque that it returns. Law, limits and guards use the whole torque.
+            out of the torque that it returns, as do `Running.goal` and `Running.frame`. Law,
+            limits and guards use the whole torque.
 
         Returns
         -------

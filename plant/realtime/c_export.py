@@ -119,7 +119,7 @@ def _values(law, rig, output, without, controller):
     ]
     start = ""
     if outputs:
-        members.append(f"{output.kind} {stored}[{n}]; /* output of the last step */")
+        members.append(f"{output.kind} {stored}[{outputs}]; /* output of the last step */")
     if states:
         members.append(f"double state[{states}]; /* of the law */")
         start = f"static const double state[{states}] = {braced(block.initial)};\n"
@@ -192,17 +192,17 @@ def _step(law, block, rig, output, without):
     state, torque, q, qd, qdd, pulses, numbers, dt, factor = symbols
     named = rig.with_numbers(numbers[len(block.names) - rig_numbers :])
     asked, following = block.step(state, q, qd, qdd, named.counts(q), pulses, torque, dt, numbers)
-    # The state keeps the limited torque, which acts; the firmware's part is subtracted from the
-    # output alone.
+    # The state keeps the whole limited torque, which acts; the output leaves out the firmware's
+    # part.
     limited = named.limited(asked)
     # The law's numbers as symbols too, so that the firmware's part is made of the same constants.
     own_law = law.with_numbers(numbers[: len(block.names) - rig_numbers])
     converted = limited - model_part(own_law, named, without, (named.cell_centre(pulses), qd, qdd))
     results = [asked, limited, following]
     if output.sends is not None:
-        # As of `Running`: the frame by which the torque acts beside the reference.
+        # As of `Running`: the frame by which this torque acts beside the reference.
         inner = own_law.rig_of_frames(named).inner
-        frame = Frame(*ca.vertsplit(block.sent(q, qd, qdd, pulses, limited, numbers), n))
+        frame = Frame(*ca.vertsplit(block.sent(q, qd, qdd, pulses, converted, numbers), n))
         results.append(inner.values(named, frame))
     elif output.scale is not None or without:
         results.append(output.converted(factor, named, converted))

@@ -53,7 +53,7 @@ from plant.realtime.memory import (
     Layout,
     view,
 )
-from plant.realtime.pieces import RAMP, Piece, pieces_of, sent_by
+from plant.realtime.pieces import RAMP, ROUNDING, SINGLE_ROUNDING, Piece, pieces_of, sent_by
 from plant.realtime.status import wording
 
 # Prefix of every function's name: C's library has a read, and a finite.
@@ -164,7 +164,7 @@ def _fields(fields: Mapping[str, str]) -> Iterable[str]:
 
 
 def initial_struct(vector: Floats, layout: Layout) -> str:
-    """Initialiser of the memory; all other fields are zero."""
+    """Initialiser of the memory, without the fields that are zero."""
     memory = view(vector, layout.n, 0)
     # The places of the numbers follow from the layout, which the struct shares.
     numbers = vector[[position for position, _ in layout.components("numbers")]]
@@ -194,17 +194,21 @@ def write_running(
     name: str,
     without: Sequence[str] = (),
     *,
+    begin: Floats | None = None,
     target: str | None = None,
     precision: str = "double",
     **output: Any,
 ) -> None:
-    """Write the files of `Running.to_c`; `output` are the arguments of `Output.of`."""
+    """Write the files of `Running.to_c`; `output` are the arguments of `Output.of`.
+
+    The law begins in the state `begin` (s,), by default in its own initial state.
+    """
     # What cannot be exported is refused before a file is touched.
     require_exportable(rig, name)
     # Output before target: single precision is refused by the largest count.
     form = Output.of(law, rig, **output)
     place = Target.of(target, precision, rig, form.largest)
-    values = values_of(law, rig, guards, name, form, without, place)
+    values = values_of(law, rig, guards, name, form, without, place, begin)
     write_files(folder, name, values, place)
 
 
@@ -216,8 +220,14 @@ def values_of(
     output: Output,
     without: Sequence[str] = (),
     target: Target = HOST,
+    begin: Floats | None = None,
 ) -> dict[str, Any]:
-    """Values of the templates for a running controller."""
+    """Values of the templates for a running controller that begins as in `write_running`."""
+    # The controller and its guards would have functions of the same name.
+    if f"{name}_" == PREFIX:
+        raise ValueError(
+            f"name must differ from the prefix of the guards; got {name!r}. Rename it."
+        )
     # The same block as in Python, so that C and Python compute the same equations.
     block = law.block(rig)
     if output.sends is None:
@@ -225,14 +235,17 @@ def values_of(
         block.require_torque("the C of a controller with guards")
     layout = Layout.of(block, rig.n)
     vector = initial_memory(law, rig, block, guards)
-    pieces = pieces_of(law, rig, block, without)
+    if begin is not None:
+        view(vector, rig.n, 0).state[:] = begin
+    rounding = SINGLE_ROUNDING if target.single else ROUNDING
+    pieces = pieces_of(law, rig, block, without, rounding)
     memory = f"{name}_state *memory"
     # 1. The functions of law, rig and output, from casadi.
     functions = [_function(piece, pieces[piece], memory, layout) for piece in pieces]
     if output.sends is None:
         giving = _giving(output, law, rig, memory, layout)
     else:
-        giving = _sending(output, sent_by(law, rig, block, guards), memory, layout)
+        giving = _sending(output, sent_by(law, rig, block, guards, without), memory, layout)
     body = "\n".join([*functions, giving])
     limits = "guards and stop" if guards is not None else "stop, without guards"
     about = f"{type(law).__name__}, with the {limits} of the running controller. {sides(without)}"
@@ -361,7 +374,7 @@ def _sending(output: Output, piece: Piece, memory: str, layout: Layout) -> str:
         for source in piece.sources
     ]
     lines, values, _ = statements(piece.function, inputs)
-    # The memory has the torque, with the part that the firmware adds.
+    # The memory has the torque, and the part of it that the firmware adds.
     body = ["(void)torque;", *lines[UNIFORM], *lines[STATE]]
     body += [f"given[{i}] = ({output.kind})({value});" for i, value in enumerate(values)]
     return _defined(f"give(const {memory}, const double *torque, {output.kind} *given)", body)

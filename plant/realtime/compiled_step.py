@@ -27,8 +27,9 @@ class Core(NamedTuple):
     """A running controller for a loop that is itself compiled by numba.
 
     `step` maps (pulses, q_r, qd_r, qdd_r, now, memory, torque) to 0, or to the reason (above 0) of
-    a refusal, after which nothing has changed; it is `Running.step` without checks. All but `now`
-    are (n,) arrays, contiguous; `now` is a float [s], NaN without a clock; torque is written [N m].
+    a refusal, after which counts, torque and state are those of the call before; it is
+    `Running.step` without checks. All but `now` are (n,) arrays, contiguous; `now` is a float [s],
+    NaN without a clock; torque is written [N m].
     `memory` (m,) is the controller's whole state, shared with the `Running` that it belongs to.
     """
 

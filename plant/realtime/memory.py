@@ -265,7 +265,7 @@ def _offset(record: Any, name: str) -> int:
     return offset // NUMBER
 
 
-# Return codes of a step; unless it is DONE, nothing has changed.
+# Return codes of a step; unless it is DONE, counts, torque and state are those of the call before.
 DONE, BAD_PULSES, BAD_REFERENCE, BAD_CLOCK, BAD_LAW = range(5)
 
 # Causes of a stop, and of a bridged sample; C has them in its header.

@@ -4,12 +4,12 @@ Each function reads some quantities of the memory (`plant.realtime.memory`) and 
 
 Saturation and chatter are those of the shafts, which have the amplifiers' limits; without coupling
 they are the joints. *Saturation* is the time at the limit within a sliding window of `WINDOW`. The
-window consists of slots: the oldest is dropped when the newest is full (`SLOT`), so the window is
-never shorter than `WINDOW`, and at most one slot longer. *Chatter* is the mean distance of the
-torque from its running mean. Quantisation or a sound loop adds little to the torque, compared with
-the limit, however much of it changes from one sample to the next; the oscillation of an unstable
-loop grows until it reaches the limit, at any frequency (`tests/benchmarks/guards.py`). A fast path
-moves the mean instead.
+window consists of slots: the oldest is dropped when the newest is full (`SLOT`). So the window is
+never shorter than `WINDOW`; it is longer by one slot at most, and by less than a period per slot.
+*Chatter* is the mean distance of the torque from its running mean. Quantisation, or a sound loop,
+moves the torque by a small share of the limit, even if it does so in every sample; the oscillation
+of an unstable loop grows until it reaches the limit, at any frequency
+(`tests/benchmarks/guards.py`). A fast path moves the mean instead.
 """
 
 from collections.abc import Sequence
@@ -38,15 +38,18 @@ SMOOTHING = 0.25
 # the limit.
 RAMP = 0.1
 
-# Time for which a law without a period must stay at its limit before it counts [s]: one pulse may
-# take it there.
+# Time [s] from which on a visit of a law without a period to its limit counts: one pulse may take
+# the torque there.
 HELD = 0.5e-3
 
 # Relative rounding error of sums of periods, and of a torque at its limit.
-_ROUNDING = 1e-9
+ROUNDING = 1e-9
+
+# That of a torque at its limit in single precision.
+SINGLE_ROUNDING = 1e-5
 
 # Age at which the newest slot is full [s].
-SLOT = (1 - _ROUNDING) * WINDOW / (SLOTS - 1)
+SLOT = (1 - ROUNDING) * WINDOW / (SLOTS - 1)
 
 # Time constant of the running mean [s]: 100 rad/s, above the frequencies of a path.
 MEMORY = 0.01
@@ -66,14 +69,19 @@ def knows_arm(law: Any) -> bool:
 def model_part(law: Any, rig: Rig, without: Sequence[str], motion: tuple[ca.SX, ...]) -> ca.SX:
     """Torque (n, 1) [N m] of these parts of a law's model for a motion (q, qd, qdd).
 
-    ValueError for a part that the model does not have.
+    ValueError for a part that the model does not have, or that occurs twice.
     """
     parts = law.model_parts(*motion)
     # A string is a sequence of its letters, and needs an advice of its own.
     single = isinstance(without, str)
-    if single or not set(without) <= set(parts) or len(set(without)) < len(without):
+    try:
+        sound = not single and set(without) <= set(parts) and len(set(without)) == len(without)
+    except TypeError:
+        # It is no sequence, or has an element that is no name.
+        sound = False
+    if not sound:
         names = ", ".join(parts) or "none, since it has no model of the arm"
-        advice = f"Write ({without!r:.60},)." if single else "Leave out what it has not."
+        advice = f"Write ({without!r:.60},)." if single else "Give (), or a tuple of such parts."
         rule = f"without must be a sequence of parts of {type(law).__name__} ({names}), each once"
         raise ValueError(f"{rule}; got {without!r:.60}. {advice}")
     return sum((parts[name] for name in without), ca.SX.zeros(rig.n))
@@ -87,8 +95,13 @@ class Piece(NamedTuple):
     targets: list[str]
 
 
-def pieces_of(law: Any, rig: Rig, block: Any, without: Sequence[str] = ()) -> dict[str, Piece]:
-    """The functions of `plant.realtime.calls` by name, for one law and one rig."""
+def pieces_of(
+    law: Any, rig: Rig, block: Any, without: Sequence[str] = (), rounding: float = ROUNDING
+) -> dict[str, Piece]:
+    """The functions of `plant.realtime.calls` by name, for one law and one rig.
+
+    A torque is at its limit, too, where `rounding` (relative) has put it below.
+    """
     n = rig.n
     layout = Layout.of(block, n)
     names = (*RUN_FIELDS, *JOINT_FIELDS, *LAW_STATES, "numbers")
@@ -142,7 +155,7 @@ def pieces_of(law: Any, rig: Rig, block: Any, without: Sequence[str] = ()) -> di
         "needed": {"model_change": _needed(law, rig, motion) - _needed(law, rig, rest_motion)},
         "bounds": {"beyond": _bounds(rig, memory)},
         "planned": {"reference_speed": rig.position_in_pulses(memory["qd"])},
-        "limited": {"direction": _direction(memory["torque"], rig)},
+        "limited": {"direction": _direction(memory["torque"], rig, rounding)},
         "left_out": {"left_out": model_part(law, rig, without, arm_motion)},
     }
     return {name: _piece(name, results[name], memory) for name in PIECES}
@@ -158,11 +171,13 @@ def _piece(name: str, results: dict[str, ca.SX], memory: dict[str, ca.SX]) -> Pi
     return Piece(function, sources, list(results))
 
 
-def sent_by(law: Any, rig: Rig, block: Any, guards: Guards | None) -> Piece:
+def sent_by(
+    law: Any, rig: Rig, block: Any, guards: Guards | None, without: Sequence[str] = ()
+) -> Piece:
     """What the inner loop of a rig gets of a call: the rows of `Running.goal` or `.frame`."""
     n = rig.n
     layout = Layout.of(block, n)
-    joints = ("q", "qd", "qdd", "counts", "held_counts", "torque")
+    joints = ("q", "qd", "qdd", "counts", "held_counts", "torque", "left_out")
     memory = {
         name: ca.SX.sym(name, len(layout.components(name)))
         for name in ("released", "calls", *joints, "numbers")
@@ -181,13 +196,14 @@ def sent_by(law: Any, rig: Rig, block: Any, guards: Guards | None) -> Piece:
     qd, qdd = (ca.if_else(free, 0, memory[name]) for name in ("qd", "qdd"))
 
     # The same equations as in the simulator convert a torque to goal or frame.
-    sent = block.sent(q, qd, qdd, memory["counts"], memory["torque"], numbers)
+    torque = memory["torque"] - (memory["left_out"] if without else 0)
+    sent = block.sent(q, qd, qdd, memory["counts"], torque, numbers)
     frame = Frame(*ca.vertsplit(sent, n))
     return _piece("sent", {known.inner.sends: known.inner.values(rig, frame)}, memory)
 
 
 def _needed(law, rig, motion):
-    """Torque of a motion by the law's model, less that of springs; zeros without one."""
+    """Torque of a motion by the law's model, less that of springs; zeros without a model."""
     q, qd, qdd = motion
     if not knows_arm(law):
         return ca.SX.zeros(rig.n)
@@ -256,13 +272,13 @@ def _ramp(law, rig, memory):
     return begin + ca.fmin(1, memory["since"] / (RAMP * duration)) * (end - begin)
 
 
-def _direction(torque, rig):
+def _direction(torque, rig, rounding):
     """Direction (n, 1), 1 or -1, in which a joint torque at its limit pushes the counts; else 0."""
     # A motor turns its counts down where gear or encoder have a negative sign.
     shaft = rig.drive.coupling.shaft_torque(torque)
     direction = ca.sign(shaft) * ca.sign(rig.encoder.position_in_pulses(rig.drive.gear))
     # Conversions round, so a limited torque may come out just below the limit.
-    return (ca.fabs(shaft) >= (1 - _ROUNDING) * rig.drive.torque_limit()) * direction
+    return (ca.fabs(shaft) >= (1 - rounding) * rig.drive.torque_limit()) * direction
 
 
 def _monitored(rig, memory):

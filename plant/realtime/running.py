@@ -103,7 +103,7 @@ class Running:
         # A function computes what the inner loop receives; the places of its inputs in the memory
         # are looked up once.
         if block.sent is not None:
-            self._sending = sent_by(law, rig, block, guards)
+            self._sending = sent_by(law, rig, block, guards, without)
             layout = Layout.of(block, rig.n)
             self._sent_places = [
                 [place for place, _ in layout.components(name)] for name in self._sending.sources
@@ -121,7 +121,7 @@ class Running:
         target: str | None = None,
         precision: str = "double",
     ) -> None:
-        """Export this controller as C99, with all its guards.
+        """Export this controller as C99, with all its guards, as it was at its start.
 
         The arguments are those of `Law.to_c`, and these two.
 
@@ -142,6 +142,7 @@ class Running:
             folder,
             name,
             self.without,
+            begin=view(self._initial, self.n, 0).state,
             target=target,
             precision=precision,
             output=output,
@@ -207,7 +208,7 @@ class Running:
         ValueError
             Something missing, wrong shapes, counts that are not whole, a clock that does not
             advance; without guards also NaN in the reference, or a law that gives no finite torque.
-            Nothing has changed then.
+            Counts, torque and state are those of the call before then.
         """
         # Waiting for the other thread would break the period, so the call is refused at once.
         if not self._free.acquire(False):

@@ -42,15 +42,15 @@ from plant.realtime.memory import (
 from plant.realtime.stopping import begin_stop, bridge, limit_time, opposed, release, rising, stop
 from plant.realtime.watching import bounded, follow, in_time, read, refused, watch
 
-# Shortest time [s], and shortest number of calls, for which a torque at its limit must push one
-# way, and pulses by which the joint must have moved the other way meanwhile. After twice that time
-# it is judged anew.
+# A torque opposes the motion if, at its limit, it pushes one way for longer than this time [s] and
+# this number of calls, while the joint moves the other way by more than this number of pulses.
+# After twice that time the joint is judged anew.
 OPPOSED = 0.004
 OPPOSED_CALLS = 8.0
 OPPOSED_COUNTS = 8.0
 
-# Pulses from its reference within which a joint follows it, and the path over which it then has
-# proved its encoder.
+# A joint within this distance [pulses] of its reference follows it. Once it has done so over this
+# path [pulses], its encoder is proved.
 NEAR = 10.0
 FAR_ENOUGH = 100.0
 
@@ -119,7 +119,7 @@ def sample(pulses, q_r, qd_r, qdd_r, now, memory, torque):
                 memory.state[i] = memory.following[i]
             rate(memory)
         elif run.guarded == 0.0:
-            # The caller decides: undo what this call has changed.
+            # The caller decides: give counts and clock back, as torque and state have not changed.
             for joint in memory.joints:
                 joint.counts = joint.previous_counts
             run.now = earlier

@@ -188,6 +188,31 @@ def test_goals_and_frames_of_a_microcontroller_compile_without_a_warning(tmp_pat
     assert numbers in header
 
 
+@needs_c
+@pytest.mark.parametrize("guards", [None, Guards()], ids=["law", "guarded"])
+@pytest.mark.parametrize("loop", [servo_loop(), frame_loop()], ids=["goal", "frame"])
+def test_what_is_sent_leaves_out_what_the_firmware_adds(tmp_path, loop, guards):
+    law = ComputedTorque(ARM, loop)
+    output = loop.inner.sends
+    begin = loop.counts((0.6, 0.42))
+    motion = (0.6, 0.42), (0.0, 0.0), (0.0, 0.0)
+    whole = law.start(loop, begin, guards=guards)
+    left = law.start(loop, begin, guards=guards, without=("gravity",))
+    firmware = whole.step(begin, *motion) - left.step(begin, *motion)
+    assert np.abs(firmware).min() > 2 * GAIN
+    sent = getattr(left, output)
+    change = getattr(whole, output) - sent
+    added = change * GAIN if output == "goal" else change[4]
+    # A goal is a whole count, and the torque of a frame has a step.
+    np.testing.assert_allclose(added, firmware, rtol=0, atol=GAIN)
+
+    law.to_c(tmp_path, loop, guards=guards, output=output, without=("gravity",))
+    np.savetxt(tmp_path / "record.csv", [[*begin, *np.ravel(motion)]], "%.17g", ",")
+    run(CC, "-O0", "controller.c", "main.c", "-lm", "-o", "controller", folder=tmp_path)
+    line = run(tmp_path / "controller", "record.csv", folder=tmp_path).stdout
+    np.testing.assert_array_equal(np.fromstring(line, sep=","), sent.ravel())
+
+
 def bench(loop, motion):
     below = dataclasses.replace(loop, inner=None, period=1e-3)
     return SteppedArm(ARM, below, motion.q[0], motion.qd[0])

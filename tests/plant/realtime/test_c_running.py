@@ -5,6 +5,7 @@ under the sanitizers.
 
 import ast
 import ctypes
+import re
 import shutil
 import subprocess
 from functools import cache
@@ -133,6 +134,32 @@ def test_a_call_that_nothing_can_answer_changes_nothing(tmp_path):
     assert (torque == 7.0).all()
     np.testing.assert_array_equal(twin.state, before)
     assert twin.step((0, 0), (0.001, 0), (0, 0), (0, 0))[0] == 0
+
+
+@pytest.mark.parametrize(
+    "known", [{"torque": (30.0, 9.0)}, {"friction": ((0.11, 0.15), (8e-4, 14e-4))}]
+)
+def test_it_begins_with_what_the_controller_knew_at_its_start(tmp_path, known):
+    law = ComputedTorque(puma560.literature_arm(1.5), RIG)
+    running = law.start(RIG, (0, 0), **known)
+    assert (running.state != law.start(RIG, (0, 0)).state).any()
+    twin = InC(running, tmp_path, (0, 0))
+    for _ in range(3):
+        motion = (0.0, 0.001), (0.2, -0.1), (0.0, 0.0)
+        code, own = twin.step((0, 0), *motion)
+        assert code == 0
+        torque = running.step((0, 0), *motion)
+        np.testing.assert_allclose(own, torque, rtol=0, atol=ROUNDING * LIMIT.max())
+
+
+@pytest.mark.parametrize(("precision", "kind"), [("double", np.float64), ("single", np.float32)])
+def test_a_torque_that_rounds_below_its_limit_is_at_it(tmp_path, precision, kind):
+    puma560.p_law().start(RIG, (0, 0)).to_c(tmp_path, name="arm", precision=precision)
+    code = (tmp_path / "arm.c").read_text()
+    limited = code[code.index("running_limited(arm_state *memory)\n{") :].split("\n}")[0]
+    share = max(kind(text) for text in re.findall(r"\b0\.99\d+", limited))
+    # Conversions to the shaft and back, and the last sample of a ramp, take some operations.
+    assert 0.99 < share < 1 - 8 * np.finfo(kind).eps
 
 
 def test_it_is_sound_under_the_sanitizers(tmp_path):
@@ -282,8 +309,10 @@ def test_a_law_without_a_period_and_a_bad_name(tmp_path):
         np.testing.assert_allclose(
             twin.step(*given, now=1e-4 * k)[1], running.step(*given, now=1e-4 * k), rtol=1e-12
         )
-    with pytest.raises(ValueError, match="name must be a small letter"):
-        running.to_c(tmp_path, name="No")
+    for name in ("No", "running"):  # the guards have functions of this name
+        with pytest.raises(ValueError, match=f"name must .*; got '{name}'"):
+            running.to_c(tmp_path / "no", name=name)
+    assert not (tmp_path / "no").exists()
     (tmp_path / "p" / "arm.c").write_text("mine")
     with pytest.raises(ValueError, match="must not exist, or be an export of arm"):
         running.to_c(tmp_path / "p", name="arm")

@@ -120,6 +120,10 @@ def test_in_c_it_is_that_of_python(tmp_path, guards, output):
         (ComputedTorque(ARM, RIG, friction=False), ("friction",), r"\(gravity, inertia\)"),
         (PDGravity(ARM, RIG, feedback=SIMPLE), ("inertia",), r"\(gravity\)"),
         (P(gain=(0.2, 0.1)), ("gravity",), "none, since it has no model of the arm"),
+        (LAW, None, "each once; got None"),
+        (LAW, 5, "each once; got 5"),
+        (LAW, [["gravity"]], r"each once; got \[\['gravity'\]\]"),
+        (LAW, iter(("gravity",)), "each once; got <tuple_iterator"),
     ],
 )
 def test_a_part_that_the_law_does_not_have_is_refused(law, without, why, tmp_path):
