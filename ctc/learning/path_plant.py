@@ -64,14 +64,17 @@ def path_plant(
     else:
         states = np.hstack([motion.q[::2], motion.qd[::2]])
 
-    # 3. The torque. Coulomb friction is in proportion at low speed, as in the default controller.
+    # 3. The torque. The equations have viscous friction already. Coulomb friction and offset are
+    # added as in the default controller: in proportion at low speed, raised by the gears' load.
+    smooth, link_qdd = moves.map(count + 1)(states.T, motion.qdd[::2].T)
+    torque = smooth.full().T
     speed = drive.coupling.shaft(motion.qd[::2])
+    viscous = drive.coupling.joint_torque(drive.joint_viscous(speed) * speed)
+    load = torque - viscous - drive.rotor_torque(motion.qdd[::2])
     pulses = np.abs(drive.gear) * rig.encoder.position_in_pulses(speed)
     slides = pulses / OF_CONTROLLER.sliding_speed
-    dry = drive.joint_coulomb(speed) * np.clip(slides, -1, 1)
-    # Viscous friction is inside the equations already; offset and Coulomb friction are added here.
-    frictionless, link_qdd = moves.map(count + 1)(states.T, motion.qdd[::2].T)
-    torque = frictionless.full().T + drive.coupling.joint_torque(dry + drive.joint_offset())
+    dry = drive.loaded(drive.joint_coulomb(speed), load) * np.clip(slides, -1, 1)
+    torque = torque + drive.coupling.joint_torque(dry + drive.joint_offset())
 
     # 4. Transition matrices of deviations and missing torque, which stays within a sample.
     # Matrices at the beginning of each sample; those of the last instant are not needed.
