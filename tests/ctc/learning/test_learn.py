@@ -313,6 +313,12 @@ def test_standing():
     assert standing(counts, 3).ravel().tolist() == [1, 1, 1, 0, 0, 1, 1, 1, 1]
 
 
+@pytest.mark.parametrize("samples", [0, 1])
+def test_a_count_that_changes_at_every_sample_does_not_stand(samples):
+    """Even where `standing_time` is shorter than a long period of the rig."""
+    assert standing(np.array([[0], [1], [2], [2]]), samples).ravel().tolist() == [0, 0, 1, 1]
+
+
 def test_bad_input(learnt, log):
     def refused(match, *arguments, **options):
         with pytest.raises(ValueError, match=match) as caught:
