@@ -1,9 +1,10 @@
 """``onepulse campaign PLAN.toml``: the other commands over the logs of many robots.
 
-A plan names robots, each with a robot file and a pattern of logs; what to `do`, of check, identify,
-certify, report; and the options of these commands, a table for each. Every log is a task,
-``ROBOT/LOG``. With ``fleet``, what was identified goes into a file of a `Fleet`, and onto its page;
-robot and time are the plan's, and the log's own or those of a pattern of file names in ``notes``.
+A plan names robots, each with a robot file and patterns of logs. ``do`` lists the commands to run:
+check, identify, certify, report; each may have a table of options. Every log is a task,
+``ROBOT/LOG``. With ``fleet``, the identifications go into the file of a `Fleet`, and onto its page.
+Their robot is the plan's; their time is in the log's notes, or in its name, where the pattern
+``notes`` finds it.
 """
 
 import contextlib
@@ -53,8 +54,8 @@ Parse = Callable[[list[str]], Namespace]
 def run_campaign(options: Namespace, parse: Parse) -> Answer:
     """Run the plan; `parse` reads the options of the other commands."""
     plan = _read(Path(options.plan))
+    # Paths of a plan begin at its own folder, not at that of the call.
     folder = Path(options.plan).parent / plan["folder"]
-    # The folder of the plan counts, not that of the call: a plan can be moved with its logs.
     ledger = folder / "ledger.sqlite"
     logs = _tasks(plan, Path(options.plan), folder, parse)
     if options.status:
@@ -135,11 +136,13 @@ def _read(path: Path) -> dict[str, Any]:
             instance(key, value, str, f"Give {_EXECUTORS}.")
     # Options that the plan sets per log cannot be set for all logs.
     for command in _DO:
-        for key in _RESERVED & set(plan.get(command, {})):
-            raise ValueError(
-                f"[{command}] of {path} must not have {key!r}, which the plan gives itself."
-                " Drop it."
-            )
+        for key in plan.get(command, {}):
+            # The parser takes the first letters of an option for it.
+            if any(name.startswith(key.replace("-", "_")) for name in _RESERVED):
+                raise ValueError(
+                    f"[{command}] of {path} must not have {key!r}, which the plan gives itself."
+                    " Drop it."
+                )
     robots = plan.get("robots")
     do = plan.get("do")
     # These three keys have no default.
@@ -164,18 +167,27 @@ def _read(path: Path) -> dict[str, Any]:
                 f"{key} of {path} must come with {asked}; got {plan[key]!r:.60}. Add what is"
                 " missing."
             )
+    # The page stands beside the fleet, and would take the place of a file of its own name.
+    if Path(plan.get("fleet", "")).suffix == ".html":
+        raise ValueError(
+            f"fleet of {path} must be the file of a fleet, not its page; got {plan['fleet']!r:.60}."
+            " Name it .sqlite."
+        )
     # Every robot must have its file and at least one pattern of logs.
     for name, robot in robots.items():
-        sound = (
-            isinstance(robot, dict)
-            and set(robot) == set(_ROBOT_KEYS)
-            and isinstance(robot["robot"], str)
+        # A fleet has the robot's name from that of the task, and files are in a folder of it.
+        if name in ("", ".", "..") or {"/", "\\"} & set(name):
+            raise ValueError(
+                f"robots of {path} must have names that can be a folder's; got {name!r:.60}. Rename"
+                " it."
+            )
+        texts = list[Any]()
+        if isinstance(robot, dict) and set(robot) == set(_ROBOT_KEYS):
             # One pattern may stand without a list.
-        )
-        logs = (
-            (robot["logs"] if isinstance(robot["logs"], list) else [robot["logs"]]) if sound else []
-        )
-        if not logs or not all(isinstance(pattern, str) for pattern in logs):
+            logs = robot["logs"] if isinstance(robot["logs"], list) else [robot["logs"]]
+            texts = [robot["robot"], *logs]
+        # A robot and a pattern at least; an empty pattern would be the folder of the plan.
+        if len(texts) < 2 or not all(isinstance(text, str) and text for text in texts):
             raise ValueError(
                 f"[robots.{name}] of {path} must have texts robot and logs; got {robot!r:.80}."
                 " Correct it."
@@ -186,17 +198,21 @@ def _read(path: Path) -> dict[str, Any]:
 def _tasks(
     plan: dict[str, Any], path: Path, folder: Path, parse: Parse
 ) -> Iterator[tuple[str, Any, Any]]:
-    """For each log: the name of its task, the options of its commands, its digest."""
+    """For each log: the name of its task, the options of its commands, the digest of its files."""
     for name, of_robot in plan["robots"].items():
-        # Beside the plan, or the name of a robot of the package.
-        # A misspelt robot is found before anything runs.
+        # A robot is a file beside the plan, or the name of one of the package.
         file = path.parent / of_robot["robot"]
         robot = str(file) if file.is_file() else of_robot["robot"]
+        # A misspelt robot is found before anything runs.
         read_robot(robot)
         patterns = of_robot["logs"] if isinstance(of_robot["logs"], list) else [of_robot["logs"]]
         for pattern in patterns:
+            # A log whose own name has brackets is no pattern, nor is a folder's with such a name.
             # Sorted: `glob` gives files in the order of the disk, a campaign must repeat its own.
-            logs = sorted(glob.glob(str(path.parent / pattern)))
+            found = [pattern]
+            if not (path.parent / pattern).exists():
+                found = sorted(glob.glob(pattern, root_dir=path.parent))
+            logs = [str(path.parent / log) for log in found]
             if not logs:
                 raise ValueError(
                     f"logs of robot {name} must be there; {pattern!r} matches nothing. Correct it."
@@ -212,13 +228,21 @@ def _tasks(
                     vars(parse(typed_arguments(command, plan, robot, log, place)))
                     for command in plan["do"]
                 ]
-                # A log that has changed since is another task, so a resumed campaign refuses it.
-                with open(log, "rb") as content:
-                    yield (
-                        f"{name}/{Path(log).stem}",
-                        steps,
-                        hashlib.file_digest(content, "sha256").hexdigest(),
-                    )
+                # With a log or a robot file that has changed since, the task is another one, which
+                # a resumed campaign refuses.
+                digest = _digest([Path(log), file] if file.is_file() else [Path(log)])
+                yield f"{name}/{Path(log).stem}", steps, digest
+
+
+def _digest(paths: list[Path]) -> str:
+    """SHA-256 of the contents of files, and of all files in folders, such as a rosbag2."""
+    digest = hashlib.sha256()
+    for path in paths:
+        inside = [file for file in sorted(path.rglob("*")) if file.is_file()]
+        for file in inside if path.is_dir() else [path]:
+            with open(file, "rb") as content:
+                hashlib.file_digest(content, lambda: digest)
+    return digest.hexdigest()
 
 
 def _fleet(

@@ -15,7 +15,7 @@ from identification.equation_error import Estimate, linear, regressor_along
 from identification.results import doubts
 from plant import Rig, part
 from plant.analysis import SampledLoops
-from plant.parts import Settings
+from plant.parts import Settings, instance
 
 
 class Gains(NamedTuple):
@@ -46,32 +46,33 @@ class DefaultGainSettings(Settings):
     identified : Gains
         For an identification of f with a covariance.
     elastic : Gains
-        For one of f and friction, on elastic gears.
+        For an identification of f and friction, on elastic gears.
     friction : Gains
-        For one of f and friction, on rigid gears. Unmodelled gears of 60 Hz become unstable with a
+        The same on rigid gears. Unmodelled gears of 60 Hz become unstable with a
         faster observer or a larger boost. The dead zone falls with the square root of more
         bandwidth.
     goals : Gains
-        Above position servos. The bandwidth is what the law adds to the servo's own stiffness;
+        Above position servos. The bandwidth is what the law adds to the servo's own stiffness; see
         tests/benchmarks/servos.py --only so101.
     frames : Gains
-        Above drives that take MIT frames, likewise: unstated gears of 15 Hz become unstable with
-        60 rad/s, those of 28 Hz with 80; tests/benchmarks/servos.py --only elastic.
+        The same above drives that take MIT frames. Gears that the rig does not state become
+        unstable with 60 rad/s at 15 Hz, and with 80 at 28 Hz; see tests/benchmarks/servos.py --only
+        elastic.
     share : float
         Error [pulses] that one standard deviation of unmodelled acceleration may cause.
     margin : float
-        Excess of the bandwidth that `share` needs, as a factor, up to which that of `friction`
-        stays: unmodelled gears of 60 Hz become unstable above.
+        Factor by which the bandwidth that `share` needs may exceed that of `friction`, which then
+        stays: with a larger one unmodelled gears of 60 Hz become unstable.
     period : float
         Largest product of bandwidth and period. Chosen by hand.
     inner_period : float
         The same above an inner loop, whose own stiffness has no delay: 0.3 leaves twice the error
-        where the servo's gain is 20 % off, and 0.6 rings where goals come a sample late.
+        where the servo's gain is 20 % off, and 0.6 rings where goals come a sample late; see
         tests/benchmarks/servos.py --only bandwidths,late.
     step : float
         Factor by which a bandwidth is reduced until it is stable. Chosen by hand.
     smallest : float
-        Smallest bandwidth that is tried [rad/s]. Chosen by hand.
+        Bandwidths above it are tried [rad/s]. Chosen by hand.
     samples : int
         Instants of the identified path at which the acceleration's uncertainty is evaluated.
     poses : int
@@ -80,15 +81,16 @@ class DefaultGainSettings(Settings):
         Stiffnesses, as shares of the stated one, with which a law that predicts its gears must be
         stable.
     spare : float
-        Factor on the bandwidth with which a law that takes its gears for rigid must be stable.
+        Factor by which a law that takes its gears for rigid must be stable with more bandwidth.
     stiffer : tuple of float
-        Stiffnesses likewise, for such a law: a fast observer can be stable on soft gears, and
-        unstable where they are a little stiffer.
+        Stiffnesses, as shares of the stated one, with which such a law must be stable: a fast
+        observer can be stable on soft gears, and unstable where they are a little stiffer.
 
     Raises
     ------
     ValueError
-        A number that is negative or, where it must be positive, zero; a `step` above 0.99.
+        A number that is negative or, where it must be positive, zero; a `step` above 0.99;
+        stiffnesses without a number.
 
     See Also
     --------
@@ -132,6 +134,13 @@ class DefaultGainSettings(Settings):
     spare: float = 1.4
     stiffer: tuple[float, ...] = (1.0, 1.44, 2.25, 4.0, 9.0, 25.0)
 
+    def __post_init__(self) -> None:
+        # They are read by name: a plain tuple would fail no sooner than a law is made.
+        for name in self.may_be_zero:
+            usual = "Change the usual ones by _replace."
+            instance(f"{name} of DefaultGainSettings", getattr(self, name), Gains, usual)
+        super().__post_init__()
+
 
 SETTINGS = DefaultGainSettings()
 
@@ -145,9 +154,9 @@ def default_gains(
 ) -> Gains:
     """Gains for an arm or an identification, with the bandwidth worked out where it is None.
 
-    `rig`: that of the law; by default the identification's. `trial`: (rig, bandwidth=...) -> a
-    computed torque for the arm, whose loops are examined on elastic gears. If none is stable, the
-    gears are refused.
+    `rig` is that of the law, by default the identification's. `trial(rig, bandwidth=...)` returns a
+    computed torque for the arm, whose loops must be stable on elastic gears. If they are so with no
+    bandwidth, the gears are refused.
     """
     # Dead zone, ratio and boost go with the bandwidth that the knowledge allows, stated or not.
     gains = known_gains(source, rig, settings)
@@ -186,7 +195,7 @@ def known_gains(source: Any, rig: Any = None, settings: DefaultGainSettings = SE
 def uncertain_acceleration(estimate: Estimate, samples: int) -> float:
     """Largest standard deviation of an acceleration on the identified path [pulses/s^2].
 
-    Due to f and friction; 0 where the path or the covariance is not known.
+    It comes from that of f and friction, and is 0 where path or covariance are not known.
     """
     path = estimate.path
     if path is None or estimate.covariance is None:
@@ -213,7 +222,7 @@ def _bandwidth(
     trial: Callable[..., Any],
     settings: DefaultGainSettings,
 ) -> float:
-    """That bandwidth, or the largest that the period and elastic gears allow [rad/s]."""
+    """That bandwidth [rad/s], or a smaller one that the period and elastic gears allow."""
     identified = isinstance(source, Estimate)
     if identified and rig is None:
         rig = source.rig
@@ -226,11 +235,17 @@ def _bandwidth(
     if gears is None:
         return bandwidth
     arm = getattr(source, "arm", source)
-    poses = np.zeros((1, rig.n))
     # Inertia changes with the pose, and stability with it.
+    poses = np.zeros((1, rig.n))
     path = source.path if identified else None
     if path is not None:
         poses = path(np.linspace(0, path.duration, settings.poses, endpoint=False)).q
+    if bandwidth <= settings.smallest:
+        raise ValueError(
+            f"bandwidth must be above {settings.smallest:g} rad/s to be tried on elastic gears;"
+            f" gains and the period of {rig.period:g} s allow {bandwidth:.3g}. Sample faster, or"
+            " give a bandwidth."
+        )
     while bandwidth > settings.smallest:
         law = trial(rig, bandwidth=bandwidth)
         factors = settings.predicted

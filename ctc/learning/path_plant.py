@@ -22,8 +22,9 @@ from plant.parts import Floats
 class PathPlant:
     """N samples of the model along a reference: motion of the links, and torque needed [N m].
 
-    The transition (N, m + n, m + n) is of deviations, without Coulomb friction: angles and speeds
-    (of motors, then links), and the torque (n) that is missing.
+    `transition` (N, m + n, m + n) takes deviations from one sample to the next: of m angles and
+    speeds (of rigid joints, or of motors, then links), and of the n missing torques. It is without
+    Coulomb friction.
     """
 
     torque: Floats
@@ -64,14 +65,17 @@ def path_plant(
     else:
         states = np.hstack([motion.q[::2], motion.qd[::2]])
 
-    # 3. The torque. Coulomb friction is in proportion at low speed, as in the default controller.
+    # 3. The torque. The equations have viscous friction already. Coulomb friction and offset are
+    # added as in the default controller: in proportion at low speed, raised by the gears' load.
+    smooth, link_qdd = moves.map(count + 1)(states.T, motion.qdd[::2].T)
+    torque = smooth.full().T
     speed = drive.coupling.shaft(motion.qd[::2])
+    viscous = drive.coupling.joint_torque(drive.joint_viscous(speed) * speed)
+    load = torque - viscous - drive.rotor_torque(motion.qdd[::2])
     pulses = np.abs(drive.gear) * rig.encoder.position_in_pulses(speed)
     slides = pulses / OF_CONTROLLER.sliding_speed
-    dry = drive.joint_coulomb(speed) * np.clip(slides, -1, 1)
-    # Viscous friction is inside the equations already; offset and Coulomb friction are added here.
-    frictionless, link_qdd = moves.map(count + 1)(states.T, motion.qdd[::2].T)
-    torque = frictionless.full().T + drive.coupling.joint_torque(dry + drive.joint_offset())
+    dry = drive.loaded(drive.joint_coulomb(speed), load) * np.clip(slides, -1, 1)
+    torque = torque + drive.coupling.joint_torque(dry + drive.joint_offset())
 
     # 4. Transition matrices of deviations and missing torque, which stays within a sample.
     # Matrices at the beginning of each sample; those of the last instant are not needed.
@@ -93,7 +97,7 @@ def path_plant(
 
 
 def _as_stiff(arm: Arm, rig: Rig, q: Floats, limit: float) -> Rig:
-    """The rig, with rigid gears where links swing too fast for a step of its period."""
+    """The rig; with rigid gears if its links swing too fast for a step of its period."""
     drive: Any = rig.drive
     # The squared frequencies of the links on their gears, with the motors held fast.
     links = drive.coupling.shaft_inertia(ca.DM(arm.D(q))).full() - np.diag(
@@ -169,8 +173,8 @@ def _states(arm: Arm, rig: Rig, moves: ca.Function, motion: Any, count: int) -> 
 
 
 def exponentials(matrices: Floats, halvings: int) -> Floats:
-    """Exponentials of matrices (N, m, m): Taylor's fourth order of a part, squared up."""
-    # Division by 2^halvings makes the matrix small enough for Taylor's series; squaring undoes it.
+    """Exponentials of matrices (N, m, m), by Taylor's series of fourth order."""
+    # Division by 2^halvings makes the matrices small enough for the series; squaring undoes it.
     part = matrices / 2**halvings
     one = np.eye(matrices.shape[1])
     power = one + part @ (one + part / 2 @ (one + part / 3 @ (one + part / 4)))
@@ -180,7 +184,7 @@ def exponentials(matrices: Floats, halvings: int) -> Floats:
 
 
 class Missing(NamedTuple):
-    """Missing torque (N, n) [N m], joints that stood (N, n), mean normalised innovation."""
+    """Missing torque (N, n) [N m], 1 where a joint stood (N, n), mean normalised innovation."""
 
     torque: Floats
     stands: Floats
@@ -199,9 +203,10 @@ def missing_torque(
 ) -> Missing:
     """The torque that was missing along a path, by a Kalman filter and a smoother back over it.
 
-    `inertia` (n,) is that which each joint feels [kg m^2]; (N, n) are the applied torque `beyond`
-    that of the model, `e`, middle of the quantisation cell less the reference [rad], counts, and
-    where the reference moves: there innovations count.
+    `inertia` (n,) is what each joint feels [kg m^2]. The others are (N, n): `beyond` is the applied
+    torque less the model's [N m], `e` the middle of the quantisation cell less the reference [rad],
+    `counts` the measured ones. `moves` tells where the reference moves; only there innovations
+    count.
     """
     N, n = e.shape
     dt = rig.period
@@ -225,8 +230,8 @@ def missing_torque(
     Q = np.zeros_like(one)
     Q[m:, m:] = np.diag(walk * dt)
     P = np.zeros_like(one)
-    # At the start, the standard deviation is a pulse of angle (R, of rounding, is a twelfth of its
-    # square), and omega times that of speed.
+    # At the start, an angle has a standard deviation of a pulse, whose square is 12 R; a speed has
+    # omega times as much.
     angles = np.kron(np.eye(half // n), 12 * R)
     P[:half, :half] = angles
     P[half:m, half:m] = angles * omega**2
@@ -268,7 +273,9 @@ def missing_torque(
 
 
 def standing(counts: Floats, samples: int) -> Floats:
-    """Whether the count of each joint stood (N, n), for at least so many samples."""
+    """1 where the count of a joint stayed the same for at least so many samples, else 0 (N, n)."""
+    # A single sample does not show that a count stayed: a long period may exceed the time asked.
+    samples = max(samples, 2)
     stands = np.zeros(counts.shape)
     for column, result in zip(counts.T, stands.T, strict=True):
         changes = np.flatnonzero(np.diff(column)) + 1

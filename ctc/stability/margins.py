@@ -1,7 +1,7 @@
 """Loop transfer function of each joint under a sampled controller, linearised, and its margins.
 
-The loop of a joint is opened at its encoder, all other loops stay closed: its input are the counts
-that the controller reads, its output is minus the position, in pulses, so that the sensitivity
+The loop of a joint is opened at its encoder; all other loops stay closed. Its input is the counts
+that the controller reads. Its output is minus the position, in pulses, so that the sensitivity
 function is 1 / (1 + L). `plant.analysis.sampled_loops` linearises the loops.
 """
 
@@ -45,7 +45,7 @@ def error_loop(
     Parameters
     ----------
     arm : Arm, Identification or None
-        The arm that is controlled; None for that of the law, which assumes that f is exact.
+        The arm that is controlled; None takes that of the law, as if its f were exact.
     rig : Rig
     law : Law
         With a period, such as `ComputedTorque`.
@@ -80,9 +80,10 @@ def error_loop(
     """
     import control
 
-    # All loops closed at once; opened one by one below.
     loops = SampledLoops(controlled(arm, law), rig, law, pose)
-    if not isinstance(joint, (int, np.integer)) or not 0 <= joint < rig.n:
+    # True is an int in Python, but never meant as a joint.
+    known = isinstance(joint, (int, np.integer)) and not isinstance(joint, bool)
+    if not known or not 0 <= joint < rig.n:
         raise ValueError(
             f"joint must be a whole number from 0 to {rig.n - 1}; got {joint!r}. Joints count"
             " from 0."
@@ -114,7 +115,7 @@ class Margins(Shown):
     Attributes
     ----------
     stable : bool
-        Whether the loop is stable with all joints closed; margins of an unstable loop mean nothing.
+        Whether the arm is stable with all loops closed; if not, the margins mean nothing.
     gain_down, gain_up : (n,) numpy.ndarray
         Factors on the loop's gain (inverse factors on the true inertia) between which it stays
         stable; 0 and infinity without such a limit.
@@ -168,7 +169,7 @@ class Margins(Shown):
             self.stable,
         )
         rows = []
-        # Print the delay in samples, too: a controller is late by whole ones.
+        # The delay is printed in samples, too: a controller is late by whole ones.
         for i, label in enumerate(self.joint_labels):
             delay = f"{1e3 * self.delay[i]:.2f} ms ({self.delay[i] / self.period:.1f} samples)"
             numbers = (
@@ -183,7 +184,7 @@ class Margins(Shown):
         yield Table(
             ("", "crossover", "gain down", "gain up", "phase", "delay", "sensitivity peak"), rows
         )
-        # Elastic gears of the rig are in the model; of an unstable loop no gears help.
+        # Elastic gears of the rig are in the model already, and no gears help an unstable loop.
         if self.lowest_resonance is not None and self.stable:
             gears = LowestResonance(
                 hz=self.lowest_resonance, damping_ratio=self.damping_ratio, within=None
@@ -240,21 +241,20 @@ def margins(
     loops = SampledLoops(model, rig, law, pose)
     A, B, C = loops.matrices()
     period = loops.period
-    # Four decades below the Nyquist frequency, 1000 points each: neighbours are 0.23 % apart. The
-    # Nyquist frequency itself is left out, where the response is real.
+    # Four decades below the Nyquist frequency, 1000 points each: neighbours are 0.23 % apart. Zero
+    # and the Nyquist frequency are left out, where the response is real.
     omega = np.geomspace(1e-4, 1, 4000, endpoint=False) * np.pi / period
     rows = []
     for joint in range(len(C)):
         # 1. The response of the open loop on the unit circle.
         a, b, c = opened(A, B, C, joint)
-        z = np.exp(1j * omega * period)[:, None, None] * np.eye(len(a))
-        response = -(c @ np.linalg.solve(z - a, b + 0j))[:, 0, 0]
+        response = _response(a, b, c, omega * period)
         # 2. All crossings: a controller with integral action has margins downwards, too.
         gain, phase, _, _, crossing, _ = control.stability_margins(
             control.frd(response, omega), returnall=True
         )
-        # 3. The lag that is missing to -180 degrees; a negative phase margin is a lag of nearly
-        # 360.
+        gain = np.append(gain, _real_gains(a, b, c))
+        # 3. The lag that is missing to -180 degrees: a phase margin of -1 is a lag of 359.
         lag = np.mod(phase, 360)
         rows.append(
             {
@@ -277,6 +277,23 @@ def margins(
         lowest_resonance=_lowest_resonance(arm, rig, law, pose, damping_ratio),
         **{name: np.array([row[name] for row in rows]) for name in rows[0]},
     )
+
+
+def _response(a: Floats, b: Floats, c: Floats, angles: Floats) -> NDArray[np.complex128]:
+    """L of one joint at points of the unit circle, by their angles [rad]."""
+    z = np.exp(1j * angles)[:, None, None] * np.eye(len(a))
+    response: NDArray[np.complex128] = -(c @ np.linalg.solve(z - a, b + 0j))[:, 0, 0]
+    return response
+
+
+def _real_gains(a: Floats, b: Floats, c: Floats) -> Floats:
+    """Gain margins at zero and the Nyquist frequency, which no crossing of the phase shows."""
+    # So near zero, an integrator has a response without limit, and the matrix still an inverse.
+    ends = _response(a, b, c, np.array([1e-12, np.pi]))
+    negative = (ends.real < 0) & (np.abs(ends.imag) < 1e-3 * np.abs(ends.real))
+    gains = -1 / ends.real[negative]
+    # Beyond a factor of a million, the response is that of an integrator, or rounding.
+    return gains[np.abs(np.log10(gains)) < 6]
 
 
 def _lowest_resonance(

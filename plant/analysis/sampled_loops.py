@@ -37,6 +37,7 @@ class SampledLoops:
 
     def __init__(self, arm: Arm, rig: Rig, law: Law, pose: ArrayLike | None = None) -> None:
         instance("rig", rig, Rig, "Pass the rig that the law drives.")
+        rig.require_fit(arm.dynamics.chain)
         n = rig.n
         # For a linear loop, the encoder does not round, the arm has no dry friction, and the law
         # compensates none.

@@ -40,6 +40,11 @@ class Settings(Part):
                 whole(name, value, usual, least=int(field.name not in self.may_be_zero))
             elif field.type is float:
                 object.__setattr__(self, field.name, real(name, value, usual))
+            elif field.type == tuple[float, ...]:
+                if not isinstance(value, (tuple, list)) or not value:
+                    raise ValueError(f"{name} must be some numbers; got {value!r:.60}. {usual}")
+                value = tuple(real(name, each, usual) for each in value)
+                object.__setattr__(self, field.name, value)
             limit = self.at_most.get(field.name, np.inf)
             if field.name in self.may_be_zero:
                 sign, sound = "not be negative", np.greater_equal(value, 0)

@@ -8,7 +8,7 @@ import pytest
 from ctc import Fleet
 from ctc.commandline import main, typed_arguments
 from identification import Identification
-from plant import puma560, read_robot, simulate
+from plant import puma560, read_robot, simulate, write_robot
 
 PLAN = """
 folder = "study"
@@ -144,9 +144,14 @@ def test_a_report_has_the_certificate_if_the_plan_makes_one(certified, tmp_path)
         ('folder = "study"', 'folder = "new"\nexecutor = "cloud"', "executor must be threads, processes or dask:"),
         ('folder = "study"', 'folder = "new"\nexecutor = 3', "executor must be of type str"),
         ('"left_*.csv"', "3", "must have texts robot and logs"),
+        ('"left_*.csv"', "''", "must have texts robot and logs"),
         ('["right.csv"]', '["right.csv", "r*.csv"]', "two are 'right/right'"),
         ("[identify]", "[identify]\noutput = 'mine.json'", "must not have 'output'"),
         ('folder = "study"', 'folder = "new"\nreport = 3', "report of"),
+        ("[robots.left]", '[robots."hall/left"]', "'hall/left'"),
+        ("[robots.left]", '[robots.".."]', "'..'"),
+        ("[identify]", "[identify]\nout = 'mine.json'", "must not have 'out'"),
+        ('folder = "study"', 'folder = "new"\nfleet = "cell.html"', "fleet of"),
     ],
 )  # fmt: skip
 def test_bad_plans_are_one_line(place, capsys, old, new, said):
@@ -159,6 +164,44 @@ def test_bad_plans_are_one_line(place, capsys, old, new, said):
     assert said in err
     assert err.count("\n") == 1
     assert not (place / "new").exists()
+
+
+def checked(folder, log, robot="paper_puma560"):
+    """A plan that checks these logs of one robot."""
+    lines = 'folder = "study"', 'do = ["check"]', "[robots.left]"
+    (folder / "plan.toml").write_text("\n".join([*lines, f"robot = {robot!r}", f"logs = {log!r}"]))
+    return folder / "plan.toml"
+
+
+@pytest.mark.parametrize("pattern", ["*.csv", "log[2].csv"])
+def test_brackets_in_the_names_of_folder_and_log_are_no_pattern(capsys, tmp_path, pattern):
+    folder = tmp_path / "cell[1]"
+    folder.mkdir()
+    (folder / "log[2].csv").write_text("t,what\n0,1\n")
+    code, out, err = run(capsys, checked(folder, pattern), "--json")
+    assert (code, err, list(json.loads(out)["results"])) == (0, "", ["left/log[2]"])
+
+
+def test_a_log_may_be_a_folder(capsys, tmp_path):
+    """As a rosbag2 is; this one is empty, which its task says."""
+    (tmp_path / "bag").mkdir()
+    (tmp_path / "bag" / "metadata.yaml").write_text("nothing: 0")
+    code, out, err = run(capsys, checked(tmp_path, "bag"), "--json")
+    assert (code, err, list(json.loads(out)["errors"])) == (1, "", ["left/bag"])
+
+
+@pytest.mark.parametrize("changed", ["arm.toml", "log.csv"])
+def test_a_changed_file_is_other_work(capsys, tmp_path, changed):
+    """Its old result must not pass for the new one's. A log without counts is quick."""
+    (tmp_path / "log.csv").write_text("t,what\n0,1\n")
+    write_robot(read_robot("paper_puma560"), tmp_path / "arm.toml")
+    plan = checked(tmp_path, "log.csv", "arm.toml")
+    assert run(capsys, plan)[0] == run(capsys, plan, "--resume")[0] == 0
+    with open(tmp_path / changed, "a") as file:
+        file.write("\n")
+    code, _, err = run(capsys, plan, "--resume")
+    assert code == 2
+    assert "other work of this name" in err
 
 
 def test_status_of_nothing(place, capsys, tmp_path):

@@ -32,7 +32,18 @@ def test_more_room_on_elastic_gears_is_a_lower_bandwidth():
     careful = DefaultGainSettings(predicted=(0.7, 1.0, 1.5), spare=3.0)
     assert ComputedTorque.designed(ARM, rig, gains=careful).bandwidth < usual.bandwidth
     with pytest.raises(ValueError, match="no bandwidth is stable"):
-        ComputedTorque.designed(ARM, rig, gains=DefaultGainSettings(smallest=1000))
+        ComputedTorque.designed(ARM, rig, gains=DefaultGainSettings(smallest=350, spare=5))
+    # None is tried: the gears are not to blame.
+    slow = dataclasses.replace(rig, period=0.07)
+    for gains in ({"rig": slow}, {"rig": rig, "gains": DefaultGainSettings(smallest=1000)}):
+        with pytest.raises(ValueError, match=r"above (5|1000) rad/s .* period .* allow (4.29|360)"):
+            ComputedTorque.designed(ARM, **gains)
+
+
+@pytest.mark.parametrize("gains", [(360.0, 0.0), (360.0, 0.0, 1.3, 4.0, 10.0), 360.0])
+def test_gains_without_names_are_refused(gains):
+    with pytest.raises(ValueError, match="arm of DefaultGainSettings must be of type Gains"):
+        DefaultGainSettings(arm=gains)
 
 
 def test_other_settings_are_refused_by_name():

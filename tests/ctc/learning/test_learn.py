@@ -19,6 +19,7 @@ from plant import (
     puma560,
     simulate,
 )
+from plant.machine import LoadFriction
 
 ARM, RIG, PATH = puma560.literature_arm(1.5), puma560.rig(), puma560.reference()
 
@@ -264,6 +265,28 @@ def test_gears_wind_up_as_they_are_stiff():
     assert np.array_equal(stiffest.torque, rigid.torque)
 
 
+@pytest.mark.parametrize("rig", [RIG, geared(200)], ids=["rigid", "elastic"])
+def test_friction_rises_with_the_load(rig):
+    """By a tenth of the torque through the gears, in the direction of motion, as in the law."""
+    count = 1000
+    plain = path_plant(ARM, rig, PATH, count)
+    loaded = path_plant(
+        ARM, with_drive(rig, load_friction=LoadFriction(share=(0.1, 0.1))), PATH, count
+    )
+    motion = PATH(RIG.period * (np.arange(count) + 0.5))
+    through = np.array(
+        [ARM.D(q) @ qdd + ARM.h(q, qd) for q, qd, qdd in zip(*motion, strict=True)]
+    ) - RIG.drive.rotor_torque(motion.qdd)
+    # Below full sliding speed friction is in proportion. Links swing at first, by 3 % afterwards.
+    fast = np.abs(RIG.position_in_pulses(motion.qd)) > 60
+    fast[:200] = False
+    rise = 0.1 * np.abs(through) * np.sign(motion.qd)
+    assert fast.mean() > 0.5
+    np.testing.assert_allclose(
+        (loaded.torque - plain.torque)[fast], rise[fast], atol=0.03 * np.abs(rise).max()
+    )
+
+
 def test_it_learns_on_elastic_gears():
     """With links that swing at 40 Hz, under a slow law: the squared error falls to a quarter."""
     law = ComputedTorque(MODEL, BELIEVED, bandwidth=30)
@@ -288,6 +311,12 @@ def test_it_is_exported_as_c(learnt, tmp_path):
 def test_standing():
     counts = np.array([[0], [0], [0], [1], [1], [2], [2], [2], [2]])
     assert standing(counts, 3).ravel().tolist() == [1, 1, 1, 0, 0, 1, 1, 1, 1]
+
+
+@pytest.mark.parametrize("samples", [0, 1])
+def test_a_count_that_changes_at_every_sample_does_not_stand(samples):
+    """Even where `standing_time` is shorter than a long period of the rig."""
+    assert standing(np.array([[0], [1], [2], [2]]), samples).ravel().tolist() == [0, 0, 1, 1]
 
 
 def test_bad_input(learnt, log):

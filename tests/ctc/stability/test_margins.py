@@ -13,7 +13,7 @@ from error_loops import error_loops
 from ctc import ComputedTorque, ComputedTorqueSettings, error_loop, margins
 from ctc.stability import opened
 from identification import identify
-from plant import PointToPoint, StatelessLaw, number, part, puma560, simulate, structure
+from plant import PointToPoint, StatelessLaw, number, part, puma560, read_robot, simulate, structure
 from plant.analysis import SampledLoops
 
 RIG, ARM, POSE = puma560.rig(), puma560.arm(), (0.3, -0.4)
@@ -222,6 +222,23 @@ def test_an_arm_is_linearised_where_it_hangs():
 
 
 @pytest.mark.parametrize(
+    ("stiffness", "limit"), [((400.0, 300.0), "gain_down"), ((4e7, 2e6), "gain_up")]
+)
+def test_a_loop_may_become_unstable_without_a_phase_crossing(stiffness, limit):
+    """Where its response is real: at rest, by the weight alone, or from one sample to the next.
+    Joint 3 hangs upwards, and viscous friction ends the motion within a sample.
+    """
+    rig, law = rig_with(viscous=(3.0, 3.0)), Sagging(stiffness=stiffness, period=DT)
+    result = margins(ARM, rig, law, pose=POSE)
+    assert result.stable
+    margin = getattr(result, limit)[1]
+    a, b, c = opened(*SampledLoops(ARM, rig, law, POSE).matrices(), 1)
+    inside, outside = (radius_of(a + margin**power * b @ c) for power in (0.995, 1.005))
+    assert 0 < margin < np.inf
+    assert inside < 1 < outside
+
+
+@pytest.mark.parametrize(
     ("call", "said"),
     [
         (lambda law: margins(ARM, RIG, puma560.p_law()), "law must have a period; P has none"),
@@ -237,6 +254,14 @@ def test_an_arm_is_linearised_where_it_hangs():
         (
             lambda law: error_loop(None, RIG, law, joint=2),
             "joint must be a whole number from 0 to 1; got 2",
+        ),
+        (
+            lambda law: error_loop(None, RIG, law, joint=True),
+            "joint must be a whole number from 0 to 1; got True",
+        ),
+        (
+            lambda law: margins(read_robot("ur5e").arm, RIG, law),
+            "rig must have 6 joints like the arm; got 2",
         ),
     ],
 )

@@ -51,3 +51,11 @@ def test_zero_is_refused_unless_it_is_allowed():
 def test_a_whole_number_is_asked_for():
     with pytest.raises(ValueError, match="halvings of LearnSettings must be a whole number"):
         LearnSettings(halvings=2.5)
+
+
+@pytest.mark.parametrize("wrong", [(), 1.0, "ab", (1.0, float("inf")), (1.0, "a")])
+def test_some_numbers_are_asked_for(wrong):
+    """None would pass every test that is made at each of them."""
+    with pytest.raises(ValueError, match=r"stiffer of DefaultGainSettings must be .*usual"):
+        DefaultGainSettings(stiffer=wrong)
+    assert DefaultGainSettings(stiffer=[1, 4]).stiffer == (1.0, 4.0)
