@@ -3,8 +3,8 @@
 from dataclasses import replace
 from typing import Any
 
-from identification.equation_error.law_memory import along_log
-from identification.equation_error.torque_logs import is_faster, torque_of
+from identification.equation_error.law_memory import torque_along_log
+from identification.equation_error.torque_logs import is_faster
 from plant import Record, Resumed
 from plant.machine import InnerLoop
 from plant.parts import Floats, frozen
@@ -64,5 +64,5 @@ def main_gain(record: Record) -> MainGain | None:
     # mistakes, and the corrections could not be compared.
     name, places = next(iter(numbers.items()))
     other = replace(record, law=with_numbers(law, 1 + SMALL, places))
-    effect = (torque_of(along_log(other)) - torque_of(along_log(record))) / SMALL
+    effect = (torque_along_log(other) - torque_along_log(record)) / SMALL
     return MainGain(name=name, by_joint="[" in places[0], effect=effect)

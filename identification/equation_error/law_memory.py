@@ -165,6 +165,19 @@ def along_log(record: Record, *, unknown_law: bool = False) -> Record:
     return reading(record, resumed)
 
 
+def torque_along_log(record: Record) -> Floats:
+    """Joint torque (N, n) [N m] that a sampled law with memory gives along the counts of its log.
+
+    Unless its state is known, its filters start as if counts and reference had moved before the log
+    as they move in its first samples: filters at rest would take the first counts for a jump.
+    """
+    along = along_log(record)
+    law: Any = along.law
+    if not isinstance(record.law, Resumed):
+        along = _moved(along, run_law(_before(along)).states[-1] - law.state)
+    return law_torque(along)
+
+
 def reading(record: Record, law: Resumed) -> Record:
     """The record with its law reading the log's counts, also where it is fast hardware."""
     return replace(record, law=law.along(record.rig))

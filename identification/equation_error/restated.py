@@ -297,7 +297,8 @@ def candidates_of(
         for joints in scopes:
             for size, odds in _scored(hypothesis, equation, joints):
                 corrected = functools.partial(hypothesis.undo, equation, joints, size)
-                odds -= hypothesis.against
+                # The state of a law that was run along its log.
+                odds -= hypothesis.against + equation.constant * SETTINGS.unknown_state
                 words = undo.words_of(equation, size)
                 yield Candidate(hypothesis, joints, size, odds, corrected, words)
 

@@ -15,10 +15,10 @@ import numpy as np
 
 from identification.equation_error.filters import derivatives, low_pass
 from identification.equation_error.law_gains import MainGain, main_gain
-from identification.equation_error.law_memory import along_log
+from identification.equation_error.law_memory import torque_along_log
 from identification.equation_error.leaning_base import LeaningBase
 from identification.equation_error.regressor import regressor_along
-from identification.equation_error.torque_logs import TorqueLog, torque_of
+from identification.equation_error.torque_logs import TorqueLog
 from plant import Dynamics, Record, Rig
 from plant.checkup import LEAST_MOTION, Signals, hardly_moving
 from plant.motion import Motion
@@ -34,8 +34,13 @@ class RestatedSettings:
     equations : int
         Equations of a log that are compared, divided among its joints; chosen by hand.
     independent : float
-        Independent equations that a log counts for; chosen by hand. Errors of a model repeat along
-        a motion, so more samples are no more evidence.
+        Independent equations that a log counts for, at most; chosen by hand. Errors of a model
+        repeat along a motion, so more samples are no more evidence.
+    repeating : float
+        Time [s] in which these errors are alike: a short log has fewer independent equations. So
+        chosen that logs of 3 s (``tests/benchmarks/causes.py``) have all of them. Right logs of 1.1
+        to 1.8 s that begin within a motion (``tests/identification/search/test_memory.py``) would
+        have log odds of up to 21 for late counts or other gains otherwise.
     floor : float
         Share of the torques (rms) that noise and friction leave in any case; chosen by hand.
     generated, generated_by_joint : float
@@ -63,6 +68,10 @@ class RestatedSettings:
     usual : float
         Power of the friction of gears, as a share of that of the torques, where none is stated:
         0.9 and 0.5 in the logs of a UR10 and a Panda.
+    unknown_state : float
+        Log odds against any mistake where a law began before its log, in an unknown state: its
+        integral is wrong, and so is the torque where the law saturates. Right logs of the same test
+        have up to 5 for another mistake.
     against_gains : float
         Log odds against other gains of a law beside another mistake. They explain up to 3 of a
         right log, and 13 and more of one with other gains (``tests/benchmarks/causes.py``).
@@ -105,6 +114,7 @@ class RestatedSettings:
 
     equations: int = 700
     independent: float = 40.0
+    repeating: float = 0.075
     floor: float = 0.005
     generated: float = -0.02
     generated_by_joint: float = -0.3
@@ -116,6 +126,7 @@ class RestatedSettings:
     braked: float = 0.02
     friction: float = 0.7
     usual: float = 0.2
+    unknown_state: float = 6.0
     against_gains: float = 8.0
     drift: float = 6.0
     gains: float = 0.3
@@ -171,20 +182,22 @@ class Remainder(NamedTuple):
 class TorqueEquation:
     """Smoothed motion and torque of a log, with the statements that a hypothesis can change.
 
-    `motion`, `torque`, `dry` (M, n): positions, speeds and accelerations, torques of the joints,
-    and signs of the speeds, filtered alike. `rows`: samples that are compared. `weightless` (n,):
-    joints whose torque is any that friction can carry. `unit` (n,): of the torques that are left,
-    by default their rms. `gravity`: factor of the stated gravity. `tilt` (2,): angles [rad] about
-    the level axes by which the base is tilted; None as stated. `constant`: whether each torque has
-    an unknown constant. `commanded`: whether the torque is that of the law, none was logged.
+    `interval`: time between two samples [s]. `motion`, `torque`, `dry` (M, n): positions,
+    speeds and accelerations, torques of the joints, and signs of the speeds, filtered alike.
+    `rows`: samples that are compared. `weightless` (n,): joints whose torque is any that
+    friction can carry. `unit` (n,): of the torques that are left, by default their rms.
+    `gravity`: factor of the stated gravity. `tilt` (2,): angles [rad] about the level axes by
+    which the base is tilted; None as stated. `constant`: whether each torque has an unknown
+    constant. `commanded`: whether the torque is that of the law, none was logged.
     `frictionless`: whether it is known to have less friction in it than the rig states.
-    `record`: the record as it is stated, and `signals`: its torques before they were smoothed; None
-    of a band, and the record of a restated log. `main_gain`: of the law, where it was run;
+    `record`: the record as it is stated, and `signals`: its torques before they were smoothed;
+    None of a band, and the record of a restated log. `main_gain`: of the law, where it was run;
     `open_gains`: whether it is unknown, joint by joint.
     """
 
     dynamics: Dynamics
     rig: Rig
+    interval: float
     motion: Motion
     torque: Floats
     dry: Floats
@@ -210,7 +223,7 @@ class TorqueEquation:
         sampled = not logged and law is not None and bool(law.period) and law.has_memory(record.n)
         if sampled:
             # The law's torque stands in for one that was not logged.
-            record = replace(record, torque=torque_of(along_log(record)))
+            record = replace(record, torque=torque_along_log(record))
         signals = Signals(record)
         if signals.motor_torque is None or not signals.long_enough:
             return None
@@ -223,6 +236,7 @@ class TorqueEquation:
         return cls(
             dynamics=dynamics,
             rig=record.rig,
+            interval=signals.interval,
             motion=Motion(positions, speeds - zero, accelerations - zero),
             torque=record.rig.drive.gear * signals.smooth(signals.motor_torque),
             dry=dry,
@@ -247,6 +261,7 @@ class TorqueEquation:
         return cls(
             dynamics=dynamics,
             rig=log.rig,
+            interval=period,
             motion=motion,
             torque=low_pass(log.torque, period, band),
             dry=low_pass(np.sign(motion.qd), period, band),
@@ -377,11 +392,21 @@ class TorqueEquation:
         rows[:, joint] = trials
         return rows[np.argmax([self.cut_off(row).evidence for row in rows])]
 
+    @property
+    def independent(self) -> float:
+        """Independent equations that the log counts for."""
+        duration = len(self.torque) * self.interval
+        return min(SETTINGS.independent, duration / SETTINGS.repeating)
+
+    def _repeating(self, equations: int) -> float:
+        """Factor of the error of an equation: errors repeat along a motion, so fewer count."""
+        return math.sqrt(max(1.0, equations / (2 * self.independent)))
+
     @functools.cached_property
     def evidence(self) -> float:
         """Log likelihood of the statements: of what is left, of the stated bodies, of friction."""
         return (
-            -SETTINGS.independent * math.log(self.left + SETTINGS.floor)
+            -self.independent * math.log(self.left + SETTINGS.floor)
             - min(SETTINGS.unphysical, self._driving)
             + self.evidence_of_bodies(self.scale)
         )
@@ -451,7 +476,7 @@ class TorqueEquation:
         # Work of the friction of each joint per unit of the values; f does none of it.
         work = (speed[:, :, None] * A.reshape(*speed.shape, -1)).sum(axis=0)
         work[:, : -_width(self._friction)] = 0.0
-        error = left * _repeating(b.size)
+        error = left * self._repeating(b.size)
         std = error * np.sqrt(np.einsum("jk,kl,jl->j", work, inverse, work).clip(0))
         total = work.sum(axis=0)
         # Joints whose gain hardly acts say little about it.
@@ -481,7 +506,7 @@ class TorqueEquation:
         """
         A, b, _ = self.of_joints
         information = np.zeros(A.shape[1])
-        error = SETTINGS.floor * _repeating(b.size)
+        error = SETTINGS.floor * self._repeating(b.size)
         usual = SETTINGS.gains * self._gain_sizes
         information[self._places_of_gains] = (error / np.where(usual > 0, usual, np.inf)) ** 2
         return np.diag(information)
@@ -516,7 +541,7 @@ class TorqueEquation:
             return 0.0
         torques, needed = self._beside_friction
         left = float(np.sqrt(np.mean((torques - scale * needed) ** 2)))
-        return -SETTINGS.independent * math.log(left + SETTINGS.roughly)
+        return -self.independent * math.log(left + SETTINGS.roughly)
 
     @property
     def braking(self) -> float:
@@ -546,11 +571,6 @@ class TorqueEquation:
 def _width(blocks: list[Floats]) -> int:
     """Number of columns of some blocks (R, n, k)."""
     return sum(block.shape[2] for block in blocks)
-
-
-def _repeating(equations: int) -> float:
-    """Factor of the error of an equation: errors repeat along a motion, so fewer count."""
-    return math.sqrt(max(1.0, equations / (2 * SETTINGS.independent)))
 
 
 def _shift(rows: int, period: float) -> int:
