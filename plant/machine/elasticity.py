@@ -102,7 +102,7 @@ class Elasticity(Part):
         hz, ratio = (
             array(
                 name,
-                np.full(n, value) if np.ndim(value) == 0 else value,
+                np.full(n, value) if np.size(value) == 1 else value,
                 (n,),
                 advice="Give one number, or one per joint.",
                 finite=False,
