@@ -89,7 +89,7 @@ class Drive(Part):
         Rise of the Coulomb level as a share of the torque that the gear transmits, both joint side;
         none by default.
     friction_drift : FrictionDrift, optional
-        Slow drift of all friction, relative, from the start of a run [s]; none by default.
+        Slow relative drift of viscous and dry friction from the start of a run; none by default.
     ripple : TorqueRipple, optional
         Cogging of the motors [N m] over their angle [rad]; none by default.
     torque_step : float or (n,) array_like, optional

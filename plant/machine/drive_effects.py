@@ -6,7 +6,7 @@ import casadi as ca
 import numpy as np
 from casadi import SX
 
-from plant.parts import ArrayOrSymbols, Part, Vector, array, number, part, signs
+from plant.parts import ArrayOrSymbols, Part, Vector, array, number, part, real, signs
 
 
 @part
@@ -16,12 +16,12 @@ class TorqueRipple(Part):
     Parameters
     ----------
     amplitude : (n,) array_like
-        Amplitude of the torque [N m], motor side; the largest motor torque is ``motor_gain *
-        current_limit``.
+        Amplitude of the torque [N m], motor side. For comparison: the largest torque of the motor
+        is ``motor_gain * current_limit``.
     cycles : (n,) array_like
         Periods of the torque per turn of the motor, such as the number of its slots.
     phase : (n,) array_like, optional
-        Phase at motor angle 0 [rad].
+        Phase at motor angle 0 [rad]; 0 by default.
 
     Raises
     ------
@@ -50,12 +50,12 @@ class TorqueRipple(Part):
             self,
             positive=("cycles",),
             not_negative=("amplitude",),
-            advice="Shift the phase by pi to turn a sign.",
+            advice="For -amplitude give phase + pi, for -cycles pi - phase.",
         )
 
     def torque(self, q_m: ArrayOrSymbols) -> ArrayOrSymbols:
         """Motor torque [N m] at motor angles [rad]."""
-        # No phase is not the same as phase 0: it leaves a term out of the equations.
+        # Without a phase the equations have a term less than with a phase of 0.
         angle = self.cycles * q_m if self.phase is None else self.cycles * q_m + self.phase
         return self.amplitude * (np.sin(angle) if isinstance(angle, np.ndarray) else ca.sin(angle))
 
@@ -102,7 +102,7 @@ def lagging(commanded: SX, driven: SX, lag: CurrentLag, h: SX) -> tuple[SX, SX]:
 def torque_steps(step: Any, n: int) -> tuple[float, ...]:
     """Steps of the commanded motor torques [N m], one per joint, from one number or from n."""
     if np.ndim(step) == 0:
-        step = np.full(n, step)
+        step = np.full(n, real("torque_step", step, "Give N m."))
     step = array("torque_step", step, (n,), advice="Give N m.")
     if not (step > 0).all():
         raise ValueError(f"torque_step must be positive; got {step}. Leave it out for none.")
@@ -122,7 +122,8 @@ class LoadFriction(Part):
     Parameters
     ----------
     share : (n,) array_like
-        Rise of the Coulomb level over the magnitude of the transmitted torque, both joint side.
+        Rise of the Coulomb level, divided by the magnitude of the transmitted torque; both joint
+        side. From 0 to below 1.
     """
 
     share: Vector = number(("n",))
@@ -145,14 +146,20 @@ class LoadFriction(Part):
 class FrictionDrift(Part):
     """Slow relative drift of viscous and dry friction from the start of a run, as a gear warms up.
 
-    Friction is 1 + amount (1 - exp(-t / time)) times its value at the start.
+    Friction is 1 + amount (1 - exp(-t / time)) times its value at the start. The offset of a
+    `FrictionCurve` and the micro-damping of `Presliding` do not drift.
 
     Parameters
     ----------
     amount : (n,) array_like
-        Relative change in the end, above -1: -0.2 is a fall by 20 %.
+        Relative change after a long time, above -1: -0.2 is a fall by 20 %.
     time : (n,) array_like
         Time constant [s].
+
+    Raises
+    ------
+    ValueError
+        Amount of -1 or less, time that is not positive.
 
     See Also
     --------
@@ -161,8 +168,8 @@ class FrictionDrift(Part):
     Examples
     --------
     >>> from plant import FrictionDrift
-    >>> FrictionDrift(amount=(-0.2, -0.1), time=(60, 60))  # a fifth less after some minutes
-    FrictionDrift(amount=array([-0.2, -0.1]), time=array([60., 60.]))
+    >>> FrictionDrift(amount=(-0.2, -0.2), time=(60, 60))  # a fifth less after some minutes
+    FrictionDrift(amount=array([-0.2, -0.2]), time=array([60., 60.]))
     """
 
     amount: Vector = number(("n",))

@@ -71,18 +71,19 @@ class Elasticity(Part):
         q: ArrayLike | None = None,
         backlash: ArrayLike | None = None,
     ) -> "Elasticity | Resonance":
-        """The gears of these locked-rotor resonances [Hz].
+        """Gears with these locked-rotor resonances [Hz].
 
-        Hz of joint i: sqrt(k_i / (D_ii - Jm_i k_i^2)) / 2 pi, every other joint held.
+        The resonance of joint i, with every other joint held, is sqrt(stiffness_i / L_i) / 2 pi.
+        The inertia of its links is L_i = D_ii - Jm_i k_i^2, with the gear k_i of the drive.
 
         Parameters
         ----------
         arm : Arm
         hz, damping_ratio : float or (n,) array_like
-            Locked-rotor resonance [Hz], and its damping ratio; above critical it warns.
+            Locked-rotor resonance [Hz], and its damping ratio; a ratio above 1 warns.
         drive : Drive, optional
-            Whose motor inertias are part of the arm's D; without it, those of the `Drive` that this
-            becomes a part of.
+            The drive whose motor inertias the arm's D contains; by default the `Drive` that takes
+            the result as its elasticity.
         q : (n,) array_like, optional
             Pose [rad]; zeros by default.
         backlash : (n,) array_like, optional
@@ -91,13 +92,25 @@ class Elasticity(Part):
         Returns
         -------
         Elasticity, or Resonance
-            The latter without a drive; ``Drive(..., elasticity=...)`` makes the former of it.
+            Without a drive a Resonance; ``Drive(..., elasticity=...)`` makes an Elasticity of it.
         """
         instance("arm", arm, Arm, "The order is arm, hz, damping_ratio.")
+        # `Drive` imports this module, so that its class is not known here.
+        if drive is not None and not hasattr(drive, "reflected_inertia"):
+            raise ValueError(f"drive must be a Drive; got {type(drive).__name__}. Give rig.drive.")
         n = arm.n
-        hz, ratio = (np.broadcast_to(np.asarray(value, float), n) for value in (hz, damping_ratio))
+        hz, ratio = (
+            array(
+                name,
+                np.full(n, value) if np.size(value) == 1 else value,
+                (n,),
+                advice="Give one number, or one per joint.",
+                finite=False,
+            )
+            for name, value in (("hz", hz), ("damping_ratio", damping_ratio))
+        )
         # A rigid gear has no resonance; the model has elastic gears on all joints or on none.
-        rigid = np.flatnonzero(np.isinf(hz))
+        rigid = np.flatnonzero(np.isposinf(hz))
         if rigid.size:
             advice = "Give it one above all that matters, or leave elasticity out if all are rigid."
             raise ValueError(
@@ -116,7 +129,7 @@ class Elasticity(Part):
 class Resonance(Part):
     """Gears given by their locked-rotor resonance [Hz], until a drive states the motors' inertia.
 
-    ``inertia``: diagonal (n,) of D at the pose, motors included [kg m^2].
+    ``inertia``: diagonal (n,) of D at the pose, motors included [kg m^2], on the shafts.
     """
 
     hz: Vector = number(("n",))
@@ -139,6 +152,7 @@ class Resonance(Part):
 
     def of(self, drive: Any) -> Elasticity:
         """The elasticity with a drive, whose motors must be lighter than the inertia of the arm."""
+        self.require_joints(drive.n, "elasticity.")
         # The motor is locked: only the links swing, and D_ii holds the rotor Jm k^2 as well.
         rotors = drive.reflected_inertia()
         links = self.inertia - rotors
@@ -163,8 +177,7 @@ def gears(hz: Any, damping_ratio: Any, inertia: Any) -> tuple[Any, Any]:
     return inertia * omega**2, 2 * damping_ratio * inertia * omega
 
 
-# Up to this (omega h)^2 of the free vibration its frequency is right to 1 %; beyond it the step is
-# too slow.
+# Largest (omega h)^2 of a free vibration that a step follows: its frequency is right to 1 % there.
 FOLLOWED = 2
 
 

@@ -10,17 +10,21 @@ import casadi as ca
 import numpy as np
 from casadi import SX
 
-from plant.parts import ArrayOrSymbols, Part, Vector, number, part, signs
+from plant.parts import ArrayOrSymbols, Part, Vector, instance, joint_label, number, part, signs
 
 # What casadi and numpy raise where a torque cannot be worked out.
 _REFUSED = (TypeError, ValueError, RuntimeError, IndexError, AttributeError, NotImplementedError)
+
+# Shortest length of a coil [m]; ends that are nearer give its force no direction. It also keeps
+# joints without a coil (a = b = 0) from 0 / 0.
+_SHORTEST = 1e-9
 
 
 class KnownTorque(Part, abc.ABC):
     """Base class of torques on the joints that depend on q alone; a subclass is a `@part`.
 
-    It acts on the links, also behind elastic gears; no motor, no gear and no amplifier feels it but
-    through the arm. Its fields declared with `plant.number` are numbers of the rig,
+    Such a torque acts on the links, also behind elastic gears; motors, gears and amplifiers feel it
+    through the arm alone. Fields declared with `plant.number` are numbers of the rig, such as
     ``springs.stiffness[0]``.
 
     See Also
@@ -65,14 +69,10 @@ def total_torque(parts: Iterable[KnownTorque], q: ArrayOrSymbols) -> ArrayOrSymb
 
 
 def require_torques(parts: Iterable[Any], n: int) -> None:
-    """Refuse parts that are no torques of n joints."""
+    """Refuse what is no `KnownTorque`, or one whose torque does not fit n joints."""
     for spring in parts:
+        instance("springs", spring, KnownTorque, "Give JointSpring(stiffness=..., angle=...).")
         kind = type(spring).__name__
-        if not isinstance(spring, KnownTorque):
-            raise ValueError(
-                f"springs must be KnownTorque, or several; got {kind}. Give"
-                " JointSpring(stiffness=...)."
-            )
         spring.require_joints(n, f"{kind}.")
         # The torque is evaluated once on symbols. A wrong part is refused here, with its name, and
         # not in a simulation.
@@ -93,9 +93,12 @@ def require_torques(parts: Iterable[Any], n: int) -> None:
                 f"torque of {kind} must return casadi SX of shape ({n}, 1), one torque per joint;"
                 f" got {result}. Write ca.vertcat(...), 0 for joints that it does not drive."
             )
-        # A symbol that is neither q nor a number of the part would stay open in every kernel.
-        allowed = {symbol.name() for symbol in (*ca.vertsplit(q), *ca.vertsplit(numbers))}
-        free = [symbol.name() for symbol in ca.symvar(torque) if symbol.name() not in allowed]
+        # A symbol that is neither q nor a number of the part would stay open in every kernel. Its
+        # name proves nothing: others may be called q, too.
+        allowed = {symbol.element_hash() for symbol in ca.symvar(ca.vertcat(q, numbers))}
+        free = [
+            symbol.name() for symbol in ca.symvar(torque) if symbol.element_hash() not in allowed
+        ]
         if free:
             raise ValueError(
                 f"torque of {kind} must depend on q and the part's numbers alone; got {free[0]!r}."
@@ -114,8 +117,8 @@ class JointSpring(KnownTorque):
     angle : (n,) array_like
         Joint position at which the spring is at rest [rad].
     preload : (n,) array_like, optional
-        Torque there, in the direction of q [N m]: of a spring of constant torque, or in place of an
-        angle that is not known, since the torque is linear in it.
+        Torque at that angle, in the direction of q [N m]; none by default. It describes a spring of
+        constant torque. It can also stand for an unknown angle, since the torque is linear in it.
 
     Raises
     ------
@@ -156,10 +159,10 @@ class JointSpring(KnownTorque):
 class Counterbalance(KnownTorque):
     """A coil spring per joint, between a point of the previous link and a point of its own link.
 
-    Both points turn about the joint's axis, at the distances a and b from it, so that the spring is
-    L = sqrt(a^2 + b^2 - 2 a b cos(q - angle)) long, pulls with tension + stiffness (L -
-    free_length), and turns the joint by -dL/dq times that. It is on its dead centre at q = angle,
-    where it is shortest, and half a turn from there.
+    Both points turn about the joint's axis, at the distances a and b from it. The length of the
+    spring is L = sqrt(a^2 + b^2 - 2 a b cos(q - angle)), its force is F = tension + stiffness (L -
+    free_length), and its torque on the joint is -F dL/dq. The torque is 0 at the dead centres: at q
+    = angle, where the spring is shortest, and half a turn from there.
 
     Parameters
     ----------
@@ -168,7 +171,7 @@ class Counterbalance(KnownTorque):
     base_arm, link_arm : (n,) array_like
         a and b [m]; 0 for joints without one.
     free_length : (n,) array_like
-        Length at which the coil pulls with its tension alone [m].
+        Length at which the force is the tension alone [m].
     angle : (n,) array_like
         Joint position at which both points are in one direction from the axis [rad].
     tension : (n,) array_like, optional
@@ -178,8 +181,8 @@ class Counterbalance(KnownTorque):
     Raises
     ------
     ValueError
-        Negative stiffness or lengths; equal arms of a spring that is not of free length 0: its ends
-        would meet.
+        Negative stiffness or lengths; equal arms, whose ends meet at the dead centre, of a spring
+        that has a force at length 0.
 
     See Also
     --------
@@ -214,25 +217,26 @@ class Counterbalance(KnownTorque):
             not_negative=("stiffness", *lengths),
             advice="Give magnitudes; angle says where it is shortest.",
         )
-        # Where both arms are equal, the length is 0 at the dead centre and the direction of the
-        # force undefined. Without force there, of free length 0 and no tension, nothing is wrong.
-        forced = (self.stiffness * self.free_length > 0) | (
-            0 if self.tension is None else self.tension != 0
-        )
-        meet = (self.base_arm == self.link_arm) & (self.base_arm > 0) & forced
+        # Where both arms are equal, the length is 0 at the dead centre, where a force has no
+        # direction. None is needed if the force at length 0, tension - stiffness free_length, is 0.
+        tension = 0.0 if self.tension is None else self.tension
+        forced = tension != self.stiffness * self.free_length
+        equal = np.abs(self.base_arm - self.link_arm) < _SHORTEST
+        meet = equal & (self.base_arm > 0) & forced
         if meet.any():
-            equal = self.base_arm[meet.argmax()]
+            joint = int(meet.argmax())
             raise ValueError(
-                f"base_arm and link_arm must differ; joint {meet.argmax()} has {equal:g} m twice,"
-                " and the ends of its spring would meet. Correct one."
+                f"base_arm and link_arm must differ; {joint_label((), joint)} has"
+                f" {self.base_arm[joint]:g} m twice, and the ends of its spring would meet. Correct"
+                " one."
             )
 
     def torque(self, q: SX) -> SX:
         a = self.base_arm
         b = self.link_arm
         phi = q - self.angle
-        # Law of cosines. The floor [m^2] keeps a joint without a spring (a = b = 0) from 0 / 0.
-        length = ca.sqrt(ca.fmax(a * a + b * b - 2 * (a * b) * ca.cos(phi), 1e-18))
+        # Law of cosines.
+        length = ca.sqrt(ca.fmax(a * a + b * b - 2 * (a * b) * ca.cos(phi), _SHORTEST**2))
         force = self.stiffness * (length - self.free_length)
         force = force if self.tension is None else force + self.tension
         # tau = -F dL/dq with dL/dq = a b sin(phi) / L.

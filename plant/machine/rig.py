@@ -318,6 +318,7 @@ class Rig(Part):
         q is casadi's (n, 1), or an array (..., n) of rows. Without springs the result is the number
         0.0.
         """
+        q = joint_numbers("q", q, self.n)
         return total_torque(self._springs, q) if self._springs else 0.0
 
     def limited(self, torque: ArrayOrSymbols) -> ArrayOrSymbols:

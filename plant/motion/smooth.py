@@ -1,7 +1,8 @@
 """Smooth references: sums of harmonics, moves from point to point, quintic splines."""
 
 import abc
-from collections.abc import Sequence
+import functools
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -82,8 +83,9 @@ class Harmonics(_Smooth):
         return self.period
 
     def _derivatives(self, t: Floats, orders: Sequence[int]) -> list[Floats]:
-        """Real parts of amplitudes times exp(i j w t); each derivative multiplies by i j w."""
-        # With complex amplitudes, the derivative of order k multiplies harmonic j by (i j w)**k.
+        """Derivatives of q; none of them jumps."""
+        # Harmonic j is the real part of (cosine_j - i sine_j) exp(i j w t). Its derivative of order
+        # k multiplies it by (i j w)**k before the real part is taken.
         rate = 2j * np.pi / self.period * np.arange(1, np.shape(self.cosine)[1] + 1)
         amplitude = np.asarray(self.cosine) - 1j * np.asarray(self.sine)
         waves = np.exp(t[:, None] * rate)
@@ -187,19 +189,23 @@ class Spline(Timed, _Smooth):
                 f"points must be 6 or more if at_rest is False; got {len(self.times)}. Give more."
             )
 
-    def _derivatives(self, t: Floats, orders: Sequence[int]) -> list[Floats]:
-        """Derivatives of q; all of them are zero before the first time and after the last one.
-
-        If the motion is at rest at its ends, the third and higher ones jump there; otherwise the
-        first and second jump there too. Between the ends, only the fifth can jump.
-        """
+    @functools.cached_property
+    def _spline(self) -> Callable[..., Floats]:
+        """Function of times within the motion and, optionally, the order of a derivative."""
         from scipy.interpolate import make_interp_spline  # costs 0.2 s, so only splines import it
 
         # Speed and acceleration are zero at rest.
         rest = [(1, np.zeros(self.n)), (2, np.zeros(self.n))]
         ends = (rest, rest) if self.at_rest else None
         # Without conditions at the ends scipy leaves out knots there (not-a-knot).
-        spline = make_interp_spline(self.times, self.points, k=5, bc_type=ends)
+        return make_interp_spline(self.times, self.points, k=5, bc_type=ends)
+
+    def _derivatives(self, t: Floats, orders: Sequence[int]) -> list[Floats]:
+        """Derivatives of q; all of them are zero before the first time and after the last one.
+
+        With `at_rest` those from the third on jump at the ends, without it those from the first on.
+        Between the ends only the fifth jumps.
+        """
         inside = ((t >= 0) & (t <= self.duration))[:, None]
         s = np.clip(t, 0, self.duration)
-        return [inside * spline(s, k) if k else spline(s) for k in orders]
+        return [inside * self._spline(s, k) if k else self._spline(s) for k in orders]

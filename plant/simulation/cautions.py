@@ -21,8 +21,10 @@ def warn_of_stiff_gears(arm: Arm, rig: Rig, pose: Floats, steps_per_sample: int)
     motors = drive.reflected_inertia()
     links = np.diag(drive.coupling.shaft_inertia(arm.D(pose))) - motors
     h = rig.period / steps_per_sample
-    # Squared angular frequencies; a link without inertia does not vibrate against its motor.
-    squared = drive.elasticity.stiffness / reduced(motors, np.where(links > 0, links, np.inf))
+    # Squared angular frequencies; where motor or link has no inertia, they do not vibrate.
+    vibrates = (motors > 0) & (links > 0)
+    inertia = reduced(*np.where(vibrates, (motors, links), 1.0))
+    squared = np.where(vibrates, drive.elasticity.stiffness / inertia, 0.0)
     joint = int(np.argmax(squared))
     if h * h * squared[joint] <= FOLLOWED:
         return

@@ -336,6 +336,7 @@ class Wrong(KnownTorque):
             "flat": np.zeros(2),
             "long": ca.SX.zeros(3),
             "free": q * ca.SX.sym("other"),
+            "alike": ca.SX.sym("q", 2),
             "none": None,
         }[self.kind]
 
@@ -345,14 +346,16 @@ class Wrong(KnownTorque):
     [
         (lambda: JointSpring(stiffness=(1.0, -2.0), angle=(0, 0)), "stiffness must not be negative"),
         (lambda: with_springs(JointSpring(stiffness=(1.0,), angle=(0,))), "JointSpring.stiffness must have 2 joints"),
-        (lambda: with_springs(OWN.stiffness), "springs must be KnownTorque"),
-        (lambda: with_springs((SPRING, "coil")), "springs must be KnownTorque"),
+        (lambda: with_springs(OWN.stiffness), "springs must be of type KnownTorque; got .* float"),
+        (lambda: with_springs((SPRING, "coil")), "springs must be of type KnownTorque; got .* str"),
+        (lambda: with_springs(JointSpring), "springs must be of type KnownTorque; got the class JointSpring"),
         (lambda: with_springs(Wrong()), r"of shape \(2, 1\), one torque per joint; got \(2,\)"),
         (lambda: with_springs(Wrong(kind="long")), r"of shape \(2, 1\), one torque per joint; got \(3, 1\)"),
         (lambda: with_springs(Wrong(kind="free")), "must depend on q and the part's numbers alone; got 'other'"),
+        (lambda: with_springs(Wrong(kind="alike")), "must depend on q and the part's numbers alone; got 'q_0'"),
         (lambda: with_springs(Wrong(kind="fails")), "torque of Wrong must be a casadi expression of q"),
         (lambda: with_springs(Wrong(kind="none")), "got NoneType"),
-        (lambda: dataclasses.replace(COIL, base_arm=(0.1, 0.2)), "base_arm and link_arm must differ; joint 0"),
+        (lambda: dataclasses.replace(COIL, base_arm=(0.1, 0.2)), r"base_arm and link_arm must differ; joint q\[0\]"),
         (lambda: dataclasses.replace(COIL, free_length=(0.1, -0.2)), "free_length must not be negative"),
         (lambda: dataclasses.replace(COSINE, phase=(0.0,)), "phase of CosineTorque must have shape"),
         (lambda: CosineTorque(amplitude=(np.nan, 1.0), phase=(0, 0)), "must be finite"),
@@ -362,6 +365,26 @@ def test_bad_springs_are_refused_in_one_line(make, message):
     with pytest.raises(ValueError, match=message) as error:
         make()
     assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize("q", [0.1, np.zeros(3), np.zeros(1), np.zeros((4, 1)), np.zeros((0, 3))])
+def test_positions_of_other_joints_are_refused(q):
+    with pytest.raises(ValueError, match=r"q must have shape .*2,?\); got shape") as error:
+        with_springs(SPRING).spring_torque(q)
+    assert "\n" not in str(error.value)
+
+
+def test_equal_arms_are_refused_where_the_coil_pulls_at_their_meeting():
+    """A free length of 0 may also be made of tension: the coil then pulls by its length alone."""
+    arms = {"stiffness": (2000.0,), "base_arm": (0.2,), "link_arm": (0.2,), "angle": (0.0,)}
+    q, torques = ca.SX.sym("q", 1), []
+    for free, tension in ((0.0, None), (0.05, (100.0,))):
+        coil = Counterbalance(free_length=(free,), tension=tension, **arms)
+        torques.append(ca.Function("torque", [q], [coil.torque(q)])(0.7))
+    np.testing.assert_allclose(torques, -2000 * 0.2**2 * np.sin(0.7))
+    for arm in (0.2, 0.2 + 1e-10):
+        with pytest.raises(ValueError, match="base_arm and link_arm must differ"):
+            Counterbalance(free_length=(0.05,), tension=(99.0,), **arms | {"link_arm": (arm,)})
 
 
 def test_a_spring_must_give_its_torque():

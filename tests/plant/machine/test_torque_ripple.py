@@ -80,11 +80,23 @@ def test_the_linear_model_has_its_stiffness():
     np.testing.assert_allclose((other - one)[2:, :2], expected, rtol=1e-4)
 
 
+def test_phases_that_stand_for_other_signs():
+    """As the message on a wrong sign advises: phase + pi for -amplitude, pi - phase for -cycles."""
+    angle, phase = np.linspace(-3, 3, 13), 0.4
+    for sign, other in (
+        (-np.sin(6 * angle + phase), phase + np.pi),
+        (np.sin(-6 * angle + phase), np.pi - phase),
+    ):
+        ripple = TorqueRipple(amplitude=(1.0,), cycles=(6.0,), phase=(other,))
+        np.testing.assert_allclose(ripple.torque(angle), sign, rtol=0, atol=1e-13)
+
+
 @pytest.mark.parametrize(
     ("make", "said"),
     [
         (lambda: TorqueRipple(amplitude=(-0.1,), cycles=(6,)), "amplitude must not be negative"),
         (lambda: TorqueRipple(amplitude=(0.1,), cycles=(0,)), "cycles must be positive"),
+        (lambda: TorqueRipple(amplitude=(0.1,), cycles=(-6,)), "for -cycles pi - phase"),
         (
             lambda: TorqueRipple(amplitude=(0.1,), cycles=(6, 6)),
             "cycles of TorqueRipple must have shape",

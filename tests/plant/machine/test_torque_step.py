@@ -112,7 +112,7 @@ def test_c_gives_per_mille_of_the_rated_torque(tmp_path):
         assert k == 0 or np.abs(given).min() > 0
 
 
-@pytest.mark.parametrize("step", [0.0, -1e-3, (1e-3, 1e-3, 1e-3), np.nan])
+@pytest.mark.parametrize("step", [0.0, -1e-3, (1e-3, 1e-3, 1e-3), np.nan, True, "1"])
 def test_bad_input_is_refused_in_one_line(step):
     with pytest.raises(ValueError, match="torque_step") as error:
         stepped(step)

@@ -2,8 +2,12 @@
 the ends, bad input.
 """
 
+import dataclasses
+import pickle
+
 import numpy as np
 import pytest
+import scipy.interpolate
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -312,6 +316,23 @@ def test_bad_reference_is_refused(make, message):
     with pytest.raises(ValueError, match=message) as error:
         make()
     assert "\n" not in str(error.value)
+
+
+def test_a_spline_is_solved_once(monkeypatch):
+    """A controller asks for one time per sample, of a spline that may have thousands of points."""
+    solve, solved = scipy.interpolate.make_interp_spline, []
+    monkeypatch.setattr(
+        scipy.interpolate,
+        "make_interp_spline",
+        lambda *points, **options: solved.append(points) or solve(*points, **options),
+    )
+    spline = dataclasses.replace(SPLINE)
+    for time in (0.1, 0.2):
+        np.testing.assert_array_equal(spline([time]).q, SPLINE([time]).q)
+        spline.higher(np.array([time]))
+    assert len([points for points in solved if points[0] is spline.times]) == 1
+    # It is no part of a copy.
+    assert pickle.loads(pickle.dumps(spline)) == spline == SPLINE  # noqa: S301 - our own bytes
 
 
 def test_a_spline_whose_ends_are_free_goes_on_as_its_points_do():

@@ -26,7 +26,7 @@ from plant import (
     simulate,
     to_control,
 )  # fmt: skip
-from plant.simulation import ClosedLoop
+from plant.simulation import ClosedLoop, DivergenceError
 
 H = 0.7e-3 / 4  # the default sub-step
 MOTOR, LINK = 0.9, 1.6
@@ -355,6 +355,34 @@ def test_one_joint_alone_may_have_two_encoders(tmp_path):
             "must have 2 joints; got 1",
         ),
         (
+            lambda: with_gears(
+                puma560.rig(), Elasticity.from_resonance(joint(0.0, 0.0, 20.0), 60, 0.02)
+            ),
+            "elasticity.hz must have 2 joints; got 1",
+        ),
+        (
+            lambda: with_gears(
+                one_joint(1e5)[1], Elasticity.from_resonance(puma560.arm(), 60, 0.02)
+            ),
+            "elasticity.hz must have 1 joints; got 2",
+        ),
+        (
+            lambda: Elasticity.from_resonance(puma560.arm(), (60, 60, 60), 0.02),
+            r"hz must have shape \(2,\); got shape \(3,\)",
+        ),
+        (
+            lambda: Elasticity.from_resonance(puma560.arm(), 60, "low"),
+            "damping_ratio must be numbers",
+        ),
+        (
+            lambda: Elasticity.from_resonance(puma560.arm(), (-np.inf, 60), 0.02),
+            "hz .*must be finite; got -inf",
+        ),
+        (
+            lambda: Elasticity.from_resonance(puma560.arm(), 60, 0.02, drive=puma560.rig()),
+            "drive must be a Drive; got Rig",
+        ),
+        (
             lambda: with_gears(puma560.rig(), None, current_lag=-1e-4),
             "current_lag must be positive",
         ),
@@ -415,6 +443,20 @@ def test_gears_that_steps_do_not_follow_are_warned_of(share):
         simulate(arm, rig, P(gain=(0.5,)), still, steps_per_sample=8)
     assert warned[0].filename == __file__
     simulate(arm, rig, P(gain=(0.5,)), still, steps_per_sample=9)
+
+
+def test_without_inertia_nothing_vibrates_and_nothing_is_warned_of():
+    """A motor without inertia moves; with a motor heavier than the whole arm the loop diverges."""
+    arm, rig = one_joint(1e5, 1.0)
+    still = PointToPoint(start=(0.2,), goal=(0.2,), duration=0.01)
+    light, heavy = (
+        with_gears(rig, rig.drive.elasticity, motor_inertia=(inertia / 2500,))
+        for inertia in (0.0, 2 * (MOTOR + LINK))
+    )
+    # A warning would be an error.
+    assert np.isfinite(simulate(arm, light, P(gain=(0.5,)), still).true_q).all()
+    with pytest.raises(DivergenceError):
+        simulate(arm, heavy, P(gain=(0.5,)), still)
 
 
 def test_a_law_with_one_number_of_state_on_one_joint():
