@@ -144,13 +144,15 @@ class GeneticEstimator:
 
     def _costs(self, window):
         """Cost function of a window: candidates (P, 1 or 2) -> squared innovations (P,)."""
-        # 1. Begin at the middle of the first kernel, with the smoothed position and speed there.
+        # 1. Begin in the middle of the first kernel, with the smoothed position and speed.
         loop = self._loop
         start = self._start
         n = self.arm.n
-        q, qd, _ = self._smoothing.motion(
-            self.rig.cell_centre(window.counts[: self._smoothing.samples])
-        )
+        size = self._smoothing.samples
+        q, qd, _ = self._smoothing.motion(self.rig.cell_centre(window.counts[:size]))
+        # The middle of a kernel of an even number of samples lies half a period before the start.
+        late = (start - (size - 1) / 2) * self.rig.period
+        begin = q[0] + late * qd[0]
 
         # 2. Tables of the kernel: logged torque, counts, and a weight of 1 for each.
         angle = self.rig.cell_centre(window.counts[start:])
@@ -168,7 +170,7 @@ class GeneticEstimator:
         )
         uniform = self._numbers[list(self._kernel.uniform)]
         # One initial state for all candidates.
-        state = np.repeat(loop.initial_state(q[0], qd[0], self._numbers)[:, None], LANES, axis=1)
+        state = np.repeat(loop.initial_state(begin, qd[0], self._numbers)[:, None], LANES, axis=1)
 
         def costs(candidates):
             f = self.arm.f + self.parameters(candidates) @ self._matrix.T
