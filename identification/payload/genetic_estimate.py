@@ -17,7 +17,7 @@ import numpy as np
 
 from identification.equation_error import NORMAL
 from identification.payload.kernel_estimate import Smoothing, Window
-from identification.payload.posterior import LoadShape, PayloadEstimate, judged
+from identification.payload.posterior import LoadShape, PayloadEstimate, judged, unheard
 from identification.search import GeneticSettings, minimize_genetic
 from plant import Arm, LoggedTorque, Rig
 from plant.machine import smooth_rig
@@ -102,7 +102,16 @@ class GeneticEstimator:
         return candidates[:, :1] * ((1 - share) * per_kg[low] + share * per_kg[low + 1])
 
     def __call__(self, window: Window) -> PayloadEstimate:
-        """Estimate from a window of at least three kernels."""
+        """Estimate from a window, which must be as long as a kernel and should be as long as three.
+
+        Raises
+        ------
+        ValueError
+            A window that is shorter than the kernel, or of other joints.
+        """
+        window.require_joints(self.arm.n)
+        if not window.finite:
+            return unheard(self.shape, finite=False)
         # 1. The best mass and centre.
         costs = self._costs(window)
         result = minimize_genetic(costs, self.bounds, self.settings, self.seed)

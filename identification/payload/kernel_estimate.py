@@ -13,7 +13,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from identification.equation_error import balance
-from identification.payload.posterior import LoadShape, PayloadEstimate, information, posterior
+from identification.payload.posterior import (
+    LoadShape,
+    PayloadEstimate,
+    information,
+    posterior,
+    unheard,
+)
 from identification.results import Identification
 from plant import Arm, Rig
 from plant.compiler import MapKernel
@@ -65,12 +71,19 @@ class Smoothing:
     def per_independent(self) -> float:
         """Number of samples per independent sample of the acceleration; neighbours correlate.
 
-        The acceleration's kernel is one period of a cosine. Shifted by a period over 2 pi it is
-        uncorrelated.
+        The kernel of the acceleration is one period of a cosine. Between samples that are a period
+        over 2 pi apart, the correlation has fallen to 0.33.
         """
         return max(1.0, (self.samples - 2) / (2 * np.pi))
 
     def _convolved(self, x, order):
+        # `numpy.convolve` exchanges the two where the samples are fewer: it would slide the samples
+        # along the kernel.
+        if len(x) < self.samples:
+            raise ValueError(
+                f"a window must have at least {self.samples} samples, the length of the kernel;"
+                f" got {len(x)}. Give a longer window."
+            )
         kernel = self._kernels[order]
         return np.column_stack([np.convolve(column, kernel, "valid") for column in x.T])
 
@@ -106,6 +119,11 @@ class Window:
 
     `counts` (N, n): encoder counts at each sample. `torque` (N, n): applied joint torque [N m],
     each from its sample to the next. `before` (n,): torque applied until sample 0 [N m].
+
+    Raises
+    ------
+    ValueError
+        Arrays of other shapes. NaN passes: no estimator uses a window that is not `finite`.
     """
 
     # The counts of n joints, and the torque between them.
@@ -113,8 +131,30 @@ class Window:
     torque: Floats
     before: Floats
 
+    def __post_init__(self) -> None:
+        advice = "Give one row per sample, one column per joint."
+        counts = array("counts", self.counts, ("N", "n"), advice=advice, finite=False)
+        shapes = {"torque": counts.shape, "before": counts.shape[1:]}
+        object.__setattr__(self, "counts", counts)
+        for name, shape in shapes.items():
+            value = array(name, getattr(self, name), shape, advice=advice, finite=False)
+            object.__setattr__(self, name, value)
+
     def __len__(self) -> int:
         return len(self.counts)
+
+    def require_joints(self, n: int) -> None:
+        """Refuse a window that is not of n joints."""
+        if self.before.shape != (n,):
+            raise ValueError(
+                f"a window must have {n} joints like the arm; got {len(self.before)}. Give one"
+                " column per joint."
+            )
+
+    @property
+    def finite(self) -> bool:
+        """Whether all counts and torques are finite."""
+        return all(np.isfinite(x).all() for x in (self.counts, self.torque, self.before))
 
     @property
     def at_samples(self) -> Floats:
@@ -299,7 +339,16 @@ class KernelEstimator:
         self._window = TorqueWindow(arm, rig, smoothing, unknown, uncertain=self._root.shape[1] > 0)
 
     def __call__(self, window: Window) -> PayloadEstimate:
-        """Estimate from a window of at least three kernels."""
+        """Estimate from a window, which must be as long as a kernel and should be as long as three.
+
+        Raises
+        ------
+        ValueError
+            A window that is shorter than the kernel, or of other joints.
+        """
+        window.require_joints(self._window.arm.n)
+        if not window.finite:
+            return unheard(self.shape, finite=False)
         load, uncertain, torque = self._window.rows(window, self.shape.basis, self.shape.prior)
         # The root scales the unknowns to independent numbers of unit deviation.
         matrix, vector, square = information(load, uncertain @ self._root, torque)

@@ -73,3 +73,13 @@ def test_a_window_of_another_arm_is_not_believed(log):
         dataclasses.replace(sound, torque=-sound.torque)
     )
     assert not found.sufficient
+
+
+def test_a_window_that_cannot_be_used_is_named(log):
+    finder = GeneticEstimator(puma560.arm(), RIG, shape(), 0.02)
+    sound = window(log, 1100)
+    counts = sound.counts.copy()
+    counts[140] = np.nan
+    assert "NaN" in finder(dataclasses.replace(sound, counts=counts)).message
+    with pytest.raises(ValueError, match=r"at least 31 samples.*; got 20"):
+        finder(Window(sound.counts[:20], sound.torque[:20], sound.before))

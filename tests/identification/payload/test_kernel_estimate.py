@@ -106,6 +106,49 @@ def test_a_load_that_comes_within_the_window_is_not_believed():
     assert not found.sufficient
 
 
+@pytest.mark.parametrize("samples", [1, 30, 58])
+def test_a_window_shorter_than_the_kernel_is_refused(samples):
+    """Smoothing would exchange samples and kernel, and misfit would be blamed on the load."""
+    whole = window(log(3.0), 1000)
+    short = Window(whole.counts[:samples], whole.torque[:samples], whole.before)
+    with pytest.raises(ValueError, match=rf"at least 59 samples.*; got {samples}\."):
+        estimator()(short)
+
+
+@pytest.mark.parametrize(
+    ("change", "named"),
+    [
+        (lambda w: {"torque": w.torque[:, :1]}, "torque"),
+        (lambda w: {"torque": w.torque[:-1]}, "torque"),
+        (lambda w: {"before": 0.0}, "before"),
+        (lambda w: {"before": w.before[None]}, "before"),
+        (lambda w: {"counts": w.counts[:, 0]}, "counts"),
+    ],
+)
+def test_a_window_of_other_shapes_is_refused(change, named):
+    whole = window(log(3.0), 1000)
+    with pytest.raises(ValueError, match=f"^{named} must have shape"):
+        dataclasses.replace(whole, **change(whole))
+
+
+def test_a_window_of_other_joints_is_refused():
+    """One column would pass for the counts and torques of every joint."""
+    whole = window(log(3.0), 1000)
+    with pytest.raises(ValueError, match="2 joints like the arm; got 1"):
+        estimator()(Window(whole.counts[:, :1], whole.torque[:, :1], whole.before[:1]))
+
+
+@pytest.mark.parametrize("field", ["counts", "torque"])
+@pytest.mark.parametrize("row", [0, 140])
+def test_a_window_that_holds_nan_keeps_the_prior(field, row):
+    values = getattr(window(log(3.0), 1000), field).copy()
+    values[row] = np.nan
+    found = estimator()(dataclasses.replace(window(log(3.0), 1000), **{field: values}))
+    assert not found.sufficient
+    assert found.mass == 2.5
+    assert "NaN" in found.message
+
+
 def test_friction_that_is_uncertain_widens_the_interval():
     sure, unsure = (estimator(friction=share)(window(log(3.0), 1000)) for share in (0.0, 0.1))
     assert unsure.std > 1.5 * sure.std
