@@ -215,13 +215,21 @@ class TorqueWindow:
         # column by column.
         uncertain = results[: n * u].reshape(u, n, -1)
         rest = torque.T - results[n * u :]
+        coupling = rig.drive.coupling
+        uncertain, rest = (
+            np.moveaxis(coupling.shaft_torque(np.moveaxis(torques, -2, -1)), -1, -2)
+            for torques in (uncertain, rest)
+        )
         load = np.tensordot(basis @ self._load.T, uncertain[self._of_f], axes=1)
 
-        # 3. Use a joint only while it slides in one direction throughout the kernel.
-        sliding = np.abs(qd.T) > SETTINGS.slow + np.abs(qdd.T) * self.smoothing.length / 2
+        # 3. Use a shaft only while it slides in one direction throughout the kernel: friction and
+        # encoders are on the shafts.
+        speed, acceleration = (np.abs(coupling.shaft(x).T) for x in (qd, qdd))
+        sliding = speed > SETTINGS.slow + acceleration * self.smoothing.length / 2
 
-        # 4. Rounding errors of all joints act through the inertia.
-        inertia = self.arm.dynamics.D(q[len(q) // 2], self.arm.f + self._load @ loaded).full()
+        # 4. Rounding errors of all shafts act through the inertia.
+        inertia = self.arm.dynamics.D(q[len(q) // 2], self.arm.f + self._load @ loaded)
+        inertia = coupling.shaft_inertia(inertia).full()
         scale = 1 / (self.rounding * np.linalg.norm(inertia * self._per_count, axis=1))
         weight = np.broadcast_to(scale[:, None], sliding.shape)[sliding]
         return (
@@ -242,8 +250,9 @@ class TorqueWindow:
 
     @functools.cached_property
     def _per_count(self):
-        """Angle of one count of each joint (n,) [rad]."""
-        return np.abs(np.diagonal(self.rig.to_angle(np.eye(self.arm.n))))
+        """Angle of one count of each shaft (n,) [rad]."""
+        joints = self.rig.to_angle(np.eye(self.arm.n))
+        return np.abs(np.diagonal(self.rig.drive.coupling.shaft(joints)))
 
 
 KERNEL = 0.04  # length of the smooth kernel on rigid gears [s]
@@ -252,15 +261,18 @@ KERNEL = 0.04  # length of the smooth kernel on rigid gears [s]
 def kernel_length(arm: Arm, rig: Rig, shape: LoadShape) -> float:
     """Length of the kernel [s]: 40 ms, or two periods of the lowest resonance of elastic gears.
 
-    A Hann kernel of that length has its first zero at the resonance. This is that of the links with
-    the heaviest load against locked motors, at joint angles of zero.
+    A Hann kernel of that length has its first zero at the resonance. This is the resonance of the
+    links with the heaviest load, at its middle centre, against locked motors at joint angles of
+    zero.
     """
     gears = rig.drive.elasticity
     if gears is None:
         return KERNEL
-    # The heaviest load: twice the prior.
-    loaded = arm.f + arm.dynamics.load_matrix() @ (2 * shape.prior)
-    links = arm.dynamics.D(np.zeros(arm.n), loaded).full() - np.diag(rig.drive.reflected_inertia())
+    heaviest = shape.mass[1] * shape.per_kg[len(shape.places) // 2]
+    loaded = arm.f + arm.dynamics.load_matrix() @ heaviest
+    # Gears and rotors are on the shafts.
+    inertia = rig.drive.coupling.shaft_inertia(arm.dynamics.D(np.zeros(arm.n), loaded)).full()
+    links = inertia - np.diag(rig.drive.reflected_inertia())
     # Generalised eigenvalues of inertia over stiffness: the largest is the slowest period.
     root = 1 / np.sqrt(gears.stiffness)
     slowest = 2 * np.pi * np.sqrt(np.linalg.eigvalsh(root[:, None] * links * root)[-1])
