@@ -167,6 +167,11 @@ class TorqueWindow:
 
     `unknown`: names of f and of friction, the columns of the equation. `uncertain`: whether their
     errors are estimated beside the load; if not, they are exact.
+
+    Raises
+    ------
+    ValueError
+        Friction that depends on the load.
     """
 
     def __init__(
@@ -177,6 +182,12 @@ class TorqueWindow:
         unknown: Sequence[str],
         uncertain: bool = True,
     ) -> None:
+        # The equation would not be linear in the load.
+        if rig.drive.load_friction is not None:
+            raise ValueError(
+                "load_friction of the rig must be None for smooth kernels; got"
+                f" {rig.drive.load_friction.share}. Take method='genetic'."
+            )
         self.arm = arm
         self.rig = rig
         self.smoothing = smoothing

@@ -58,23 +58,25 @@ def as_records(
         Dynamics,
         "Pass the equations with f open, such as puma560.dynamics().",
     )
-    if (isinstance(unknown, str) and unknown not in GROUPS) or not (
-        unknown is None or np.iterable(unknown)
-    ):
-        advice = near(unknown, GROUPS, f"Write ({unknown!r},).", cutoff=0.8)
-        raise ValueError(
-            f"unknown must be {' or '.join(GROUPS)}, or a sequence of names; got {unknown!r}."
-            f" {advice}"
-        )
     if unknown is None:
         return records, dynamics.names
+    # A string is one word, not a sequence of letters.
+    several_words = np.iterable(unknown) and not isinstance(unknown, str)
+    words: tuple[Any, ...] = tuple(unknown) if several_words else (unknown,)
+    wrong = [word for word in words if not isinstance(word, str)]
+    if wrong or (not several_words and unknown not in GROUPS):
+        got = (wrong or words)[0]
+        advice = "A name is a string, such as 'f1'." if wrong else f"Write ({got!r},)."
+        raise ValueError(
+            f"unknown must be {' or '.join(GROUPS)}, or a sequence of names; got {got!r:.60}."
+            f" {near(got, GROUPS, advice, cutoff=0.8)}"
+        )
 
     # 2. Words and short names become the names of numbers.
     long = dict(zip(dynamics.short_names, dynamics.names, strict=True))
     expanded = {"f": dynamics.names}
     for word, numbers in GROUPS.items():
         expanded[word] = tuple(f"{name}[{i}]" for name in numbers for i in range(dynamics.n))
-    words: tuple[str, ...] = (unknown,) if isinstance(unknown, str) else tuple(unknown)
     for word in words:
         # A word with a typing error would pass for the name of a number, and be refused as such.
         advice = "" if word in GROUPS else near(word, GROUPS, cutoff=0.6)
@@ -143,7 +145,7 @@ class Experiment:
         for name in unknown:
             if name not in names:
                 hint = near(name, names, cutoff=0.6)
-                if str(name).startswith("drive.curve"):
+                if str(name).startswith("drive.curve") and record.rig.drive.curve is None:
                     hint = "Give the drive a FrictionCurve first."
                 if str(name).startswith("springs") and record.rig.springs is None:
                     hint = "Give the rig its springs first, such as a JointSpring."

@@ -230,3 +230,7 @@ def test_what_is_refused():
         uncertainty(arm, RIG, None, -0.1)
     with pytest.raises(ValueError, match="found"):
         uncertainty(arm, RIG, arm, 0.0)
+    drive = dataclasses.replace(RIG.drive, load_friction=(0.1, 0.1))
+    loaded = dataclasses.replace(RIG, drive=drive)
+    with pytest.raises(ValueError, match=r"load_friction of the rig .*'genetic'"):
+        KernelEstimator(arm, loaded, shape(), *uncertainty(arm, loaded, None, 0.0))
