@@ -2,10 +2,10 @@
 
 Each candidate is the arm with a load. It is simulated under the applied torque, corrected a little
 at every sample by the counts (as in `identification.replay.prediction`), and costs the sum of its
-squared innovations [pulses^2]. Without the correction the simulation in open loop would depend on
-the initial speed above all; with it, the comparison covers about the length of the kernels of the
-other estimator. A simulation of the closed loop would show less: its law keeps the tracking error
-within a pulse for any candidate.
+squared innovations [pulses^2]. Without the correction, a simulation in open loop would depend above
+all on the initial speed; with it, each innovation depends on the torques of about the last
+`length`. A simulation of the closed loop would show less: its law keeps the tracking error within a
+pulse for any candidate.
 
 Source: paper, conclusion (stages 1 and 2), and 3.7.
 """
@@ -40,7 +40,8 @@ class GeneticEstimatorSettings:
     difference : float
         Step of the differences for the curvature, as a share of the range of masses.
     misfit : float
-        RMS innovation above which no load explains a window, in that of rounding.
+        RMS innovation above which no load explains a window, in standard deviations of a rounded
+        count.
     """
 
     # Simulation, interval and verdict.
@@ -132,7 +133,7 @@ class GeneticEstimator:
         noise = max(misfit * _ROUNDING, _ROUNDING) ** 2 * self._smoothing.per_independent
         uniform = (high - low) / np.sqrt(12)
         std = float(min(uniform, np.sqrt(noise / curvature))) if curvature > 0 else float(uniform)
-        explained = misfit < SETTINGS.misfit
+        explained = misfit <= SETTINGS.misfit
         message, sufficient = judged(self.shape, explained, misfit, std)
         # The standard parameters include the centre as first moments.
         parameters = self.parameters(best[None])[0]

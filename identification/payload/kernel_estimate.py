@@ -1,8 +1,8 @@
 """`KernelEstimator`: a load from 100 to 200 ms of counts and torque, by smooth kernels.
 
-A kernel that ends smoothly at zero is convolved with both sides of the torque equation, only where
-it lies within the samples; rates and accelerations are convolutions with its differences. So no
-filter rings at the ends of a window, where a zero-phase low-pass had ten times the error.
+Both sides of the torque equation are convolved with a kernel that ends smoothly at zero, only where
+it lies within the samples. Rates and accelerations are convolutions with its differences. So no
+filter rings at the ends of a window; a zero-phase low-pass had ten times the error there.
 """
 
 import functools
@@ -97,8 +97,8 @@ class KernelSettings:
     Parameters
     ----------
     slow : float
-        Speed that a joint must have throughout a kernel [rad/s]: a slower one may stick, and its
-        friction is then unknown.
+        Speed that a joint, or the shaft of a coupled motor, must have throughout a kernel [rad/s]:
+        a slower one may stick, and its friction is then unknown.
     misfit_rigid, misfit_elastic : float
         Misfit above which no load explains a window, on rigid gears, and on elastic ones, which
         oscillate.
@@ -165,8 +165,8 @@ class Window:
 class TorqueWindow:
     """Torque equation of an identified arm and rig with a load, along windows.
 
-    `unknown`: names of f and of friction, the columns of the equation. `uncertain`: whether their
-    errors are estimated beside the load; if not, they are exact.
+    `unknown`: names of f and of friction, the columns of the equation. `uncertain`: whether errors
+    of these numbers are estimated beside the load; if not, the numbers count as exact.
 
     Raises
     ------
@@ -206,8 +206,9 @@ class TorqueWindow:
     def rows(self, window: Window, basis: Floats, loaded: Floats) -> tuple[Floats, Floats, Floats]:
         """Columns of a load and of the unknowns, and the torque that the empty arm leaves.
 
-        Each row is divided by its standard deviation: that of the rounded counts, through the
-        inertia, with a row counted as its share of an independent one.
+        A row is the torque on one shaft at one sample. It is divided by the standard deviation that
+        the rounding of counts causes through the inertia; this is enlarged, since neighbouring rows
+        are not independent (`rounding`).
 
         `basis` (b, 10): standard parameters of loads. `loaded` (10,): those of the load that the
         inertia includes.
@@ -253,8 +254,8 @@ class TorqueWindow:
     def rounding(self) -> float:
         """Standard deviation of the acceleration by rounding, of one independent row [1/s^2].
 
-        Rounding errors of neighbouring rows have opposite signs and cancel in part: without
-        uncertain numbers they count half.
+        Rounding errors of neighbouring rows have opposite signs and cancel in part. So their
+        variance counts half if no number is uncertain.
         """
         share = 1.0 if self.uncertain else 0.5
         return self.smoothing.of_rounding * np.sqrt(share * self.smoothing.per_independent / 12)
@@ -300,8 +301,9 @@ def uncertainty(
 ) -> tuple[tuple[str, ...], Floats]:
     """Names (u) of the uncertain numbers beside the load, and a root (u, v) of their covariance.
 
-    `arm`, `rig`: those of the law. `identification`: their source, for its covariance. `friction`:
-    relative standard deviation of the friction levels of which the identification has none.
+    `arm`, `rig`: those of the law. `identification`: the one that gave them, for its covariance, or
+    None. `friction`: relative standard deviation of those friction levels that this covariance does
+    not contain.
     """
     if real("friction", friction, "Give a share, such as 0.05.") < 0:
         raise ValueError(
@@ -345,9 +347,9 @@ class KernelEstimator:
     `arm`: without a load. `root` (u, v): root of the covariance of the unknowns; without columns
     all are exact.
 
-    The applied torque is one side of the equation, so that a saturated amplifier does no harm. With
-    elastic gears the equation is that of rigid ones: the kernel is long enough to remove their
-    resonance (`kernel_length`).
+    The equation contains the applied torque, so that a saturated amplifier does no harm. Elastic
+    gears are treated as rigid: the kernel is long enough to remove their resonance
+    (`kernel_length`).
     """
 
     def __init__(
