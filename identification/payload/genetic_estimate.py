@@ -2,10 +2,10 @@
 
 Each candidate is the arm with a load. It is simulated under the applied torque, corrected a little
 at every sample by the counts (as in `identification.replay.prediction`), and costs the sum of its
-squared innovations [pulses^2]. Without the correction the simulation in open loop would depend on
-the initial speed above all; with it, the comparison covers about the length of the kernels of the
-other estimator. A simulation of the closed loop would show less: its law keeps the tracking error
-within a pulse for any candidate.
+squared innovations [pulses^2]. Without the correction, a simulation in open loop would depend above
+all on the initial speed; with it, each innovation depends on the torques of about the last
+`length`. A simulation of the closed loop would show less: its law keeps the tracking error within a
+pulse for any candidate.
 
 Source: paper, conclusion (stages 1 and 2), and 3.7.
 """
@@ -17,7 +17,7 @@ import numpy as np
 
 from identification.equation_error import NORMAL
 from identification.payload.kernel_estimate import Smoothing, Window
-from identification.payload.posterior import LoadShape, PayloadEstimate, judged
+from identification.payload.posterior import LoadShape, PayloadEstimate, judged, unheard
 from identification.search import GeneticSettings, minimize_genetic
 from plant import Arm, LoggedTorque, Rig
 from plant.machine import smooth_rig
@@ -40,7 +40,8 @@ class GeneticEstimatorSettings:
     difference : float
         Step of the differences for the curvature, as a share of the range of masses.
     misfit : float
-        RMS innovation above which no load explains a window, in that of rounding.
+        RMS innovation above which no load explains a window, in standard deviations of a rounded
+        count.
     """
 
     # Simulation, interval and verdict.
@@ -102,7 +103,16 @@ class GeneticEstimator:
         return candidates[:, :1] * ((1 - share) * per_kg[low] + share * per_kg[low + 1])
 
     def __call__(self, window: Window) -> PayloadEstimate:
-        """Estimate from a window of at least three kernels."""
+        """Estimate from a window, which must be as long as a kernel and should be as long as three.
+
+        Raises
+        ------
+        ValueError
+            A window that is shorter than the kernel, or of other joints.
+        """
+        window.require_joints(self.arm.n)
+        if not window.finite:
+            return unheard(self.shape, finite=False)
         # 1. The best mass and centre.
         costs = self._costs(window)
         result = minimize_genetic(costs, self.bounds, self.settings, self.seed)
@@ -123,7 +133,7 @@ class GeneticEstimator:
         noise = max(misfit * _ROUNDING, _ROUNDING) ** 2 * self._smoothing.per_independent
         uniform = (high - low) / np.sqrt(12)
         std = float(min(uniform, np.sqrt(noise / curvature))) if curvature > 0 else float(uniform)
-        explained = misfit < SETTINGS.misfit
+        explained = misfit <= SETTINGS.misfit
         message, sufficient = judged(self.shape, explained, misfit, std)
         # The standard parameters include the centre as first moments.
         parameters = self.parameters(best[None])[0]
@@ -144,13 +154,15 @@ class GeneticEstimator:
 
     def _costs(self, window):
         """Cost function of a window: candidates (P, 1 or 2) -> squared innovations (P,)."""
-        # 1. Begin at the middle of the first kernel, with the smoothed position and speed there.
+        # 1. Begin in the middle of the first kernel, with the smoothed position and speed.
         loop = self._loop
         start = self._start
         n = self.arm.n
-        q, qd, _ = self._smoothing.motion(
-            self.rig.cell_centre(window.counts[: self._smoothing.samples])
-        )
+        size = self._smoothing.samples
+        q, qd, _ = self._smoothing.motion(self.rig.cell_centre(window.counts[:size]))
+        # The middle of a kernel of an even number of samples lies half a period before the start.
+        late = (start - (size - 1) / 2) * self.rig.period
+        begin = q[0] + late * qd[0]
 
         # 2. Tables of the kernel: logged torque, counts, and a weight of 1 for each.
         angle = self.rig.cell_centre(window.counts[start:])
@@ -168,7 +180,7 @@ class GeneticEstimator:
         )
         uniform = self._numbers[list(self._kernel.uniform)]
         # One initial state for all candidates.
-        state = np.repeat(loop.initial_state(q[0], qd[0], self._numbers)[:, None], LANES, axis=1)
+        state = np.repeat(loop.initial_state(begin, qd[0], self._numbers)[:, None], LANES, axis=1)
 
         def costs(candidates):
             f = self.arm.f + self.parameters(candidates) @ self._matrix.T

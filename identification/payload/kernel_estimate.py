@@ -1,8 +1,8 @@
 """`KernelEstimator`: a load from 100 to 200 ms of counts and torque, by smooth kernels.
 
-A kernel that ends smoothly at zero is convolved with both sides of the torque equation, only where
-it lies within the samples; rates and accelerations are convolutions with its differences. So no
-filter rings at the ends of a window, where a zero-phase low-pass had ten times the error.
+Both sides of the torque equation are convolved with a kernel that ends smoothly at zero, only where
+it lies within the samples. Rates and accelerations are convolutions with its differences. So no
+filter rings at the ends of a window; a zero-phase low-pass had ten times the error there.
 """
 
 import functools
@@ -13,7 +13,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from identification.equation_error import balance
-from identification.payload.posterior import LoadShape, PayloadEstimate, information, posterior
+from identification.payload.posterior import (
+    LoadShape,
+    PayloadEstimate,
+    information,
+    posterior,
+    unheard,
+)
 from identification.results import Identification
 from plant import Arm, Rig
 from plant.compiler import MapKernel
@@ -65,12 +71,19 @@ class Smoothing:
     def per_independent(self) -> float:
         """Number of samples per independent sample of the acceleration; neighbours correlate.
 
-        The acceleration's kernel is one period of a cosine. Shifted by a period over 2 pi it is
-        uncorrelated.
+        The kernel of the acceleration is one period of a cosine. Between samples that are a period
+        over 2 pi apart, the correlation has fallen to 0.33.
         """
         return max(1.0, (self.samples - 2) / (2 * np.pi))
 
     def _convolved(self, x, order):
+        # `numpy.convolve` exchanges the two where the samples are fewer: it would slide the samples
+        # along the kernel.
+        if len(x) < self.samples:
+            raise ValueError(
+                f"a window must have at least {self.samples} samples, the length of the kernel;"
+                f" got {len(x)}. Give a longer window."
+            )
         kernel = self._kernels[order]
         return np.column_stack([np.convolve(column, kernel, "valid") for column in x.T])
 
@@ -84,8 +97,8 @@ class KernelSettings:
     Parameters
     ----------
     slow : float
-        Speed that a joint must have throughout a kernel [rad/s]: a slower one may stick, and its
-        friction is then unknown.
+        Speed that a joint, or the shaft of a coupled motor, must have throughout a kernel [rad/s]:
+        a slower one may stick, and its friction is then unknown.
     misfit_rigid, misfit_elastic : float
         Misfit above which no load explains a window, on rigid gears, and on elastic ones, which
         oscillate.
@@ -106,6 +119,11 @@ class Window:
 
     `counts` (N, n): encoder counts at each sample. `torque` (N, n): applied joint torque [N m],
     each from its sample to the next. `before` (n,): torque applied until sample 0 [N m].
+
+    Raises
+    ------
+    ValueError
+        Arrays of other shapes. NaN passes: no estimator uses a window that is not `finite`.
     """
 
     # The counts of n joints, and the torque between them.
@@ -113,8 +131,30 @@ class Window:
     torque: Floats
     before: Floats
 
+    def __post_init__(self) -> None:
+        advice = "Give one row per sample, one column per joint."
+        counts = array("counts", self.counts, ("N", "n"), advice=advice, finite=False)
+        shapes = {"torque": counts.shape, "before": counts.shape[1:]}
+        object.__setattr__(self, "counts", counts)
+        for name, shape in shapes.items():
+            value = array(name, getattr(self, name), shape, advice=advice, finite=False)
+            object.__setattr__(self, name, value)
+
     def __len__(self) -> int:
         return len(self.counts)
+
+    def require_joints(self, n: int) -> None:
+        """Refuse a window that is not of n joints."""
+        if self.before.shape != (n,):
+            raise ValueError(
+                f"a window must have {n} joints like the arm; got {len(self.before)}. Give one"
+                " column per joint."
+            )
+
+    @property
+    def finite(self) -> bool:
+        """Whether all counts and torques are finite."""
+        return all(np.isfinite(x).all() for x in (self.counts, self.torque, self.before))
 
     @property
     def at_samples(self) -> Floats:
@@ -125,8 +165,13 @@ class Window:
 class TorqueWindow:
     """Torque equation of an identified arm and rig with a load, along windows.
 
-    `unknown`: names of f and of friction, the columns of the equation. `uncertain`: whether their
-    errors are estimated beside the load; if not, they are exact.
+    `unknown`: names of f and of friction, the columns of the equation. `uncertain`: whether errors
+    of these numbers are estimated beside the load; if not, the numbers count as exact.
+
+    Raises
+    ------
+    ValueError
+        Friction that depends on the load.
     """
 
     def __init__(
@@ -137,6 +182,12 @@ class TorqueWindow:
         unknown: Sequence[str],
         uncertain: bool = True,
     ) -> None:
+        # The equation would not be linear in the load.
+        if rig.drive.load_friction is not None:
+            raise ValueError(
+                "load_friction of the rig must be None for smooth kernels; got"
+                f" {rig.drive.load_friction.share}. Take method='genetic'."
+            )
         self.arm = arm
         self.rig = rig
         self.smoothing = smoothing
@@ -155,8 +206,9 @@ class TorqueWindow:
     def rows(self, window: Window, basis: Floats, loaded: Floats) -> tuple[Floats, Floats, Floats]:
         """Columns of a load and of the unknowns, and the torque that the empty arm leaves.
 
-        Each row is divided by its standard deviation: that of the rounded counts, through the
-        inertia, with a row counted as its share of an independent one.
+        A row is the torque on one shaft at one sample. It is divided by the standard deviation that
+        the rounding of counts causes through the inertia; this is enlarged, since neighbouring rows
+        are not independent (`rounding`).
 
         `basis` (b, 10): standard parameters of loads. `loaded` (10,): those of the load that the
         inertia includes.
@@ -175,13 +227,21 @@ class TorqueWindow:
         # column by column.
         uncertain = results[: n * u].reshape(u, n, -1)
         rest = torque.T - results[n * u :]
+        coupling = rig.drive.coupling
+        uncertain, rest = (
+            np.moveaxis(coupling.shaft_torque(np.moveaxis(torques, -2, -1)), -1, -2)
+            for torques in (uncertain, rest)
+        )
         load = np.tensordot(basis @ self._load.T, uncertain[self._of_f], axes=1)
 
-        # 3. Use a joint only while it slides in one direction throughout the kernel.
-        sliding = np.abs(qd.T) > SETTINGS.slow + np.abs(qdd.T) * self.smoothing.length / 2
+        # 3. Use a shaft only while it slides in one direction throughout the kernel: friction and
+        # encoders are on the shafts.
+        speed, acceleration = (np.abs(coupling.shaft(x).T) for x in (qd, qdd))
+        sliding = speed > SETTINGS.slow + acceleration * self.smoothing.length / 2
 
-        # 4. Rounding errors of all joints act through the inertia.
-        inertia = self.arm.dynamics.D(q[len(q) // 2], self.arm.f + self._load @ loaded).full()
+        # 4. Rounding errors of all shafts act through the inertia.
+        inertia = self.arm.dynamics.D(q[len(q) // 2], self.arm.f + self._load @ loaded)
+        inertia = coupling.shaft_inertia(inertia).full()
         scale = 1 / (self.rounding * np.linalg.norm(inertia * self._per_count, axis=1))
         weight = np.broadcast_to(scale[:, None], sliding.shape)[sliding]
         return (
@@ -194,16 +254,17 @@ class TorqueWindow:
     def rounding(self) -> float:
         """Standard deviation of the acceleration by rounding, of one independent row [1/s^2].
 
-        Rounding errors of neighbouring rows have opposite signs and cancel in part: without
-        uncertain numbers they count half.
+        Rounding errors of neighbouring rows have opposite signs and cancel in part. So their
+        variance counts half if no number is uncertain.
         """
         share = 1.0 if self.uncertain else 0.5
         return self.smoothing.of_rounding * np.sqrt(share * self.smoothing.per_independent / 12)
 
     @functools.cached_property
     def _per_count(self):
-        """Angle of one count of each joint (n,) [rad]."""
-        return np.abs(np.diagonal(self.rig.to_angle(np.eye(self.arm.n))))
+        """Angle of one count of each shaft (n,) [rad]."""
+        joints = self.rig.to_angle(np.eye(self.arm.n))
+        return np.abs(np.diagonal(self.rig.drive.coupling.shaft(joints)))
 
 
 KERNEL = 0.04  # length of the smooth kernel on rigid gears [s]
@@ -212,15 +273,18 @@ KERNEL = 0.04  # length of the smooth kernel on rigid gears [s]
 def kernel_length(arm: Arm, rig: Rig, shape: LoadShape) -> float:
     """Length of the kernel [s]: 40 ms, or two periods of the lowest resonance of elastic gears.
 
-    A Hann kernel of that length has its first zero at the resonance. This is that of the links with
-    the heaviest load against locked motors, at joint angles of zero.
+    A Hann kernel of that length has its first zero at the resonance. This is the resonance of the
+    links with the heaviest load, at its middle centre, against locked motors at joint angles of
+    zero.
     """
     gears = rig.drive.elasticity
     if gears is None:
         return KERNEL
-    # The heaviest load: twice the prior.
-    loaded = arm.f + arm.dynamics.load_matrix() @ (2 * shape.prior)
-    links = arm.dynamics.D(np.zeros(arm.n), loaded).full() - np.diag(rig.drive.reflected_inertia())
+    heaviest = shape.mass[1] * shape.per_kg[len(shape.places) // 2]
+    loaded = arm.f + arm.dynamics.load_matrix() @ heaviest
+    # Gears and rotors are on the shafts.
+    inertia = rig.drive.coupling.shaft_inertia(arm.dynamics.D(np.zeros(arm.n), loaded)).full()
+    links = inertia - np.diag(rig.drive.reflected_inertia())
     # Generalised eigenvalues of inertia over stiffness: the largest is the slowest period.
     root = 1 / np.sqrt(gears.stiffness)
     slowest = 2 * np.pi * np.sqrt(np.linalg.eigvalsh(root[:, None] * links * root)[-1])
@@ -237,8 +301,9 @@ def uncertainty(
 ) -> tuple[tuple[str, ...], Floats]:
     """Names (u) of the uncertain numbers beside the load, and a root (u, v) of their covariance.
 
-    `arm`, `rig`: those of the law. `identification`: their source, for its covariance. `friction`:
-    relative standard deviation of the friction levels of which the identification has none.
+    `arm`, `rig`: those of the law. `identification`: the one that gave them, for its covariance, or
+    None. `friction`: relative standard deviation of those friction levels that this covariance does
+    not contain.
     """
     if real("friction", friction, "Give a share, such as 0.05.") < 0:
         raise ValueError(
@@ -282,9 +347,9 @@ class KernelEstimator:
     `arm`: without a load. `root` (u, v): root of the covariance of the unknowns; without columns
     all are exact.
 
-    The applied torque is one side of the equation, so that a saturated amplifier does no harm. With
-    elastic gears the equation is that of rigid ones: the kernel is long enough to remove their
-    resonance (`kernel_length`).
+    The equation contains the applied torque, so that a saturated amplifier does no harm. Elastic
+    gears are treated as rigid: the kernel is long enough to remove their resonance
+    (`kernel_length`).
     """
 
     def __init__(
@@ -299,7 +364,16 @@ class KernelEstimator:
         self._window = TorqueWindow(arm, rig, smoothing, unknown, uncertain=self._root.shape[1] > 0)
 
     def __call__(self, window: Window) -> PayloadEstimate:
-        """Estimate from a window of at least three kernels."""
+        """Estimate from a window, which must be as long as a kernel and should be as long as three.
+
+        Raises
+        ------
+        ValueError
+            A window that is shorter than the kernel, or of other joints.
+        """
+        window.require_joints(self._window.arm.n)
+        if not window.finite:
+            return unheard(self.shape, finite=False)
         load, uncertain, torque = self._window.rows(window, self.shape.basis, self.shape.prior)
         # The root scales the unknowns to independent numbers of unit deviation.
         matrix, vector, square = information(load, uncertain @ self._root, torque)

@@ -308,11 +308,7 @@ def posterior(
     pull = shape.shares @ vector
     finite = np.isfinite(weight).all() and np.isfinite(pull).all() and np.isfinite(square)
     if not finite or not rows or not weight.max() > 0:
-        interval = np.array([low + 0.025 * (high - low), high - 0.025 * (high - low)])
-        message = "the arm rests, or no joint moves that feels a load; the prior stays"
-        if not finite:
-            message = "the window holds NaN or infinite numbers; the prior stays"
-        return uninformed(shape, shape.prior, interval, message)
+        return unheard(shape, finite=bool(finite))
     # A centre without an effect on the torques has no weight: avoid the division by zero.
     weight = np.maximum(weight, 1e-12 * weight.max())
     # The misfit is that of the best centre: a worse centre would count its own error as noise.
@@ -378,6 +374,16 @@ def judged(shape: LoadShape, explained: bool, misfit: float, std: float) -> tupl
     if not std <= POSTERIOR.too_little * (shape.mass[1] - shape.mass[0]):
         return f"the window says too little (std {std:.2g} kg); the prior stays", False
     return "sufficient", True
+
+
+def unheard(shape: LoadShape, finite: bool) -> PayloadEstimate:
+    """Estimate of a window that holds NaN, or (`finite`) none in which a load is felt."""
+    low, high = shape.mass
+    interval = np.array([low + 0.025 * (high - low), high - 0.025 * (high - low)])
+    message = "the arm rests, or no joint moves that feels a load; the prior stays"
+    if not finite:
+        message = "the window holds NaN or infinite numbers; the prior stays"
+    return uninformed(shape, shape.prior, interval, message)
 
 
 def uninformed(

@@ -1,7 +1,7 @@
 """One record, ready to be repeated by a closed loop with other numbers.
 
-Objective and prediction share it. `Rounding` makes the log of the loop itself, with encoders that
-round, where the model of a `Prediction` does not.
+`Experiment` is the base of the objective and of the prediction. `Rounding` simulates the log of a
+record with encoders that round; the model of a `Prediction` does not round.
 """
 
 import functools
@@ -41,8 +41,8 @@ def as_records(
 ) -> tuple[tuple[Record, ...], tuple[str, ...]]:
     """Records and unknown names as tuples, or a refusal; by default all of f is unknown.
 
-    Names may be short (f1, ...), and words: "f" is all of f, each of `GROUPS` a number per joint.
-    Without a name of f they are beside all of f.
+    A name may be a short one (f1, ...) or a word: "f" stands for all of f, and each of `GROUPS` for
+    its numbers of all joints. If no name is of f, all of f precedes the names.
     """
     # 1. Types: a generator, a string or a single record are common slips.
     records = tuple(records) if isinstance(records, Iterable) else (records,)
@@ -58,23 +58,25 @@ def as_records(
         Dynamics,
         "Pass the equations with f open, such as puma560.dynamics().",
     )
-    if (isinstance(unknown, str) and unknown not in GROUPS) or not (
-        unknown is None or np.iterable(unknown)
-    ):
-        advice = near(unknown, GROUPS, f"Write ({unknown!r},).", cutoff=0.8)
-        raise ValueError(
-            f"unknown must be {' or '.join(GROUPS)}, or a sequence of names; got {unknown!r}."
-            f" {advice}"
-        )
     if unknown is None:
         return records, dynamics.names
+    # A string is one word, not a sequence of letters.
+    several_words = np.iterable(unknown) and not isinstance(unknown, str)
+    words: tuple[Any, ...] = tuple(unknown) if several_words else (unknown,)
+    wrong = [word for word in words if not isinstance(word, str)]
+    if wrong or (not several_words and unknown not in GROUPS):
+        got = (wrong or words)[0]
+        advice = "A name is a string, such as 'f1'." if wrong else f"Write ({got!r},)."
+        raise ValueError(
+            f"unknown must be {' or '.join(GROUPS)}, or a sequence of names; got {got!r:.60}."
+            f" {near(got, GROUPS, advice, cutoff=0.8)}"
+        )
 
     # 2. Words and short names become the names of numbers.
     long = dict(zip(dynamics.short_names, dynamics.names, strict=True))
     expanded = {"f": dynamics.names}
     for word, numbers in GROUPS.items():
         expanded[word] = tuple(f"{name}[{i}]" for name in numbers for i in range(dynamics.n))
-    words: tuple[str, ...] = (unknown,) if isinstance(unknown, str) else tuple(unknown)
     for word in words:
         # A word with a typing error would pass for the name of a number, and be refused as such.
         advice = "" if word in GROUPS else near(word, GROUPS, cutoff=0.6)
@@ -95,10 +97,10 @@ def as_records(
 
 
 def with_zeros(records: Iterable[Record], zeros: Floats) -> list[Record]:
-    """The same records with their encoder offsets (R, n) [rad] where they are."""
+    """The records with their counts moved by offsets of the encoders (R, n) [rad]."""
     moved = []
     for record, zero in zip(records, zeros, strict=True):
-        # Counts are the reference less the error: an error less an offset moves them by it.
+        # Counts are the reference less the error: a smaller error means a larger count.
         errors = record.error_pulses - record.rig.position_in_pulses(zero)
         moved.append(replace(record, error_pulses=errors))
     return moved
@@ -107,9 +109,9 @@ def with_zeros(records: Iterable[Record], zeros: Floats) -> list[Record]:
 class Experiment:
     """The closed loop of a record, with its path, its clock and its numbers.
 
-    `places`: where the unknowns are among the loop's numbers. `driven`: path, clock, and what is
-    replayed and injected: what a kernel is driven by. `numbers`: as the record says; f is NaN.
-    `begin`: q and qd (n,) at its start, by the record's rig.
+    `places`: indices of the unknowns among the loop's numbers. `driven`: inputs of a kernel: path,
+    clock, and the signals that are replayed and injected. `numbers`: those of the record's rig and
+    law; f is NaN. `begin`: q and qd (n,) at the start, by the record's rig.
     """
 
     def __init__(
@@ -143,7 +145,7 @@ class Experiment:
         for name in unknown:
             if name not in names:
                 hint = near(name, names, cutoff=0.6)
-                if str(name).startswith("drive.curve"):
+                if str(name).startswith("drive.curve") and record.rig.drive.curve is None:
                     hint = "Give the drive a FrictionCurve first."
                 if str(name).startswith("springs") and record.rig.springs is None:
                     hint = "Give the rig its springs first, such as a JointSpring."
@@ -182,11 +184,10 @@ class Experiment:
         return path_of(self.record, self.clock, smooth=smooth)
 
     def began(self, numbers: Floats) -> tuple[Floats, Floats]:
-        """Position and speed (n,) at the start with these numbers (k,), from the counts.
+        """Position and speed at the start, from the counts, of a loop with these numbers.
 
-        (n, P) of numbers (k, P).
-
-        Numbers that no rig can have begin as by the record's rig.
+        They are (n,) for numbers (k,), and (n, P) for numbers (k, P) unless the record's own start,
+        (n,), is that of all. For numbers that no rig can have, the record's rig gives them.
         """
         # One vector of numbers is a population of one.
         columns = np.reshape(numbers, (len(numbers), -1))
@@ -210,7 +211,7 @@ class Experiment:
         return q, qd
 
     def kernel(self, lanes: Sequence[int] = ()) -> Any:
-        """The compiled loop; `lanes` are the numbers that differ between individuals."""
+        """The compiled loop; `lanes`: indices of the numbers that differ between individuals."""
         return loop_kernel(self.loop, lanes, uneven=self.clock.even is None)
 
     def data(self, measured: Floats) -> Floats:
@@ -223,19 +224,19 @@ class Experiment:
         return len(self.clock) * self.loop.steps_per_sample
 
 
-# Sub-steps per sample at which a loop feels its counts: fast hardware feels each count when it
-# comes, and how fast a hardware is the log does not say.
+# Sub-steps per sample that are tried: fast hardware reads each count when it comes, and a log does
+# not say how fast its hardware is.
 RATES = 16, 64, 256
 
-# Sub-steps that are simulated at once: the tables of a whole log at 256 of them per sample do not
-# fit into memory.
+# Sub-steps that are simulated at once: at 256 per sample, the tables of a whole log do not fit into
+# memory.
 _AT_ONCE = 1 << 17
 
 
 class Rounding(Experiment):
-    """The loop of a record without correction, whose encoders round.
+    """The loop of a record, without correction and with encoders that round.
 
-    It feels the rounding at so many `steps` in a sample.
+    `steps`: sub-steps per sample, in each of which the loop reads rounded counts.
     """
 
     def __init__(self, loop: ClosedLoop, record: Record, steps: int) -> None:
@@ -260,7 +261,8 @@ class Rounding(Experiment):
     def path(self, smooth: bool) -> Any:
         """The commanded path of the loop with rounding encoders.
 
-        Of logged counts it is the smoothest motion that they allow, rounded at every instant.
+        If it is known from whole logged counts, it is the smoothest motion that they allow, rounded
+        at every instant.
         """
         path = super().path(smooth)
         return _Rounded(path) if isinstance(path, Logged) and path.whole else path
@@ -268,9 +270,10 @@ class Rounding(Experiment):
     def counts(
         self, start, numbers: Floats, names: Sequence[str], shifts: Sequence[Floats], threads: int
     ) -> list[Floats]:
-        """Counts (N, n) of encoders that are shifted by so many pulses (n,).
+        """Counts (N, n) of the loop, for each of the `shifts` (n,) of its encoders [pulses].
 
-        From a start, with numbers (k,) of these names.
+        `start`: position and speed (n,). `numbers` (k,): values of `names`; all others are those of
+        the record.
         """
         # By name: the loop with phases has more numbers than the one that the values belong to.
         stated = dict(zip(names, numbers.tolist(), strict=True))
@@ -286,7 +289,7 @@ class Rounding(Experiment):
         return [counts for group in logs for counts in group]
 
     def _group(self, start, numbers, phases):
-        """Counts (N, n) by encoders with these phases (W, n), side by side."""
+        """Counts, W arrays (N, n), of encoders with these phases (W, n), side by side."""
         # Empty lanes repeat the last encoders: a kernel has no lane that does nothing.
         empty = phases[-1:].repeat(LOGGED - len(phases), axis=0)
         lanes = np.vstack([phases, empty]).T.copy()
@@ -301,7 +304,7 @@ class Rounding(Experiment):
                 tables, len(tables[1]), state, lanes, numbers[list(self._kernel.uniform)]
             )
             end = done + len(errors)
-            # The block has samples between those of the log where this has gaps: they are left out.
+            # Samples that bridge a gap of the log are not in it, and are left out.
             in_block = slice(*np.searchsorted(rows, (done, end)).tolist())
             for j, counts in enumerate(logs):
                 of_block = self._reference[done:end] - errors[:, :, j]
@@ -310,6 +313,7 @@ class Rounding(Experiment):
         if not self.loop.sound(state).all() or not np.isfinite(logs).all():
             raise ValueError(
                 "the model must stay on the log's path; simulated with what was found, it diverges."
+                " Check the gains of the law, and the identified numbers."
             )
         return list(logs)
 

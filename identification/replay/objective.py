@@ -16,16 +16,17 @@ from plant.machine import least_inertia_margin
 from plant.parts import Floats, array, known_options, whole
 from plant.simulation import LANES
 
-# Joints up to which the inertia of candidates is checked at so few poses that another thread takes
-# longer to start than it saves.
+# Up to so many joints the inertia of candidates is checked at few poses: a thread takes longer to
+# start than it saves.
 _SINGLE_THREADED = 2
 
 
 @functools.lru_cache
 def squared_error(n: int) -> ca.Function:
-    """The term of one sample: (log, data, memory) -> sum over joints of (e^r - e^m)^2, memory.
+    """The term of one sample: (log, data, memory) -> weighted sum of (e^r - e^m)^2, memory.
 
-    The data are the measured errors and the root of the sample's weight. Source: paper eq. (4).
+    The sum is over the joints. The data are the measured errors (n) and the root of the sample's
+    weight. Source: paper eq. (4).
     """
     # The log begins with the tracking errors; torque, position and speed follow.
     log = ca.SX.sym("log", 4 * n)
@@ -47,7 +48,8 @@ class Objective:
         Each with its law; they may differ in rig, law and reference.
     unknown : sequence of str, optional
         Names of what a candidate gives, in its order; by default f. Any number of rig and law can
-        be named too, as ``drive.viscous[0]`` or ``law.gain[1]``.
+        be named too, as ``drive.viscous[0]`` or ``law.gain[1]``; "friction" and "gains" stand for
+        one number of each kind per joint. If no f is named, all of f comes first.
     steps_per_sample, sweeps : int
         Sub-steps of the simulation, and sweeps of its friction law, as for `plant.simulate`.
     threads : int, optional
@@ -55,9 +57,9 @@ class Objective:
 
     Notes
     -----
-    A candidate costs inf when it is not finite, when its rig or law would be refused, when its run
-    diverges, or when D(q) - diag(Jm_min k^2) is not positive semidefinite for all q: no controller
-    could be built on such an arm.
+    A candidate costs inf if it is not finite, if its rig or law would be refused, or if its run
+    diverges. It also costs inf if D(q) - diag(Jm_min k^2) is not positive semidefinite at every
+    checked pose, since no controller could be built on such an arm.
 
     See Also
     --------
@@ -141,13 +143,13 @@ class _Scored(Experiment):
         )
 
     def costs(self, population: Floats, threads: int) -> Floats:
-        """Costs (P,), inf for what cannot be."""
-        # A row of all numbers of the loop per candidate; the lanes of the kernel take the unknowns.
+        """Costs (P,) of candidates (P, p); inf of those that no arm, rig or law can have."""
+        # All numbers of the loop, a row per candidate. The lanes of the kernel take the unknowns.
         numbers = np.repeat(self.numbers[None], len(population), axis=0)
         numbers[:, self.places] = population
         costs = np.full(len(population), np.inf)
 
-        # 1. Refuse candidates that are no arm. Their simulations would be wasted.
+        # 1. Leave out candidates that no arm can have: their simulations would be wasted.
         sound = np.flatnonzero(np.isfinite(population).all(axis=1))
         sound = sound[self._all_margins(numbers[sound], threads) >= 0]
 
@@ -158,8 +160,7 @@ class _Scored(Experiment):
         return costs
 
     def _all_margins(self, numbers: Floats, threads: int) -> Floats:
-        """`_margins` of all candidates, by several threads where that is worth it."""
-        # A few joints are checked faster than threads are started.
+        """`_margins` of all candidates, by several threads if the arm has enough joints."""
         if self.loop.n <= _SINGLE_THREADED or threads == 1:
             return self._margins(numbers)
         size = max(1, -(-len(numbers) // threads))
@@ -190,7 +191,7 @@ class _Scored(Experiment):
         return margins
 
     def _block(self, candidates: Floats) -> Floats:
-        """Costs of at most `LANES` candidates; empty lanes repeat the last."""
+        """Costs of at most `LANES` candidates."""
         # Empty lanes repeat the last candidate: a kernel has no lane that does nothing.
         lanes = candidates[np.minimum(np.arange(LANES), len(candidates) - 1)].T.copy()
         numbers = np.repeat(self.numbers[:, None], LANES, axis=1)

@@ -5,13 +5,14 @@ that say too little.
 import dataclasses
 import functools
 
+import coupled_arm
 import numpy as np
 import pytest
 
 from ctc import ComputedTorque
 from identification import identify
 from identification.payload import KernelEstimator, LoadShape, Window, uncertainty
-from plant import Body, Harmonics, puma560, simulate
+from plant import Body, Elasticity, Harmonics, puma560, simulate
 
 RIG, PATH, N = puma560.rig(), puma560.reference(), 286
 PLACE = (0.0, -0.4, 0.0)
@@ -106,9 +107,100 @@ def test_a_load_that_comes_within_the_window_is_not_believed():
     assert not found.sufficient
 
 
+@pytest.mark.parametrize("samples", [1, 30, 58])
+def test_a_window_shorter_than_the_kernel_is_refused(samples):
+    """Smoothing would exchange samples and kernel, and misfit would be blamed on the load."""
+    whole = window(log(3.0), 1000)
+    short = Window(whole.counts[:samples], whole.torque[:samples], whole.before)
+    with pytest.raises(ValueError, match=rf"at least 59 samples.*; got {samples}\."):
+        estimator()(short)
+
+
+@pytest.mark.parametrize(
+    ("change", "named"),
+    [
+        (lambda w: {"torque": w.torque[:, :1]}, "torque"),
+        (lambda w: {"torque": w.torque[:-1]}, "torque"),
+        (lambda w: {"before": 0.0}, "before"),
+        (lambda w: {"before": w.before[None]}, "before"),
+        (lambda w: {"counts": w.counts[:, 0]}, "counts"),
+    ],
+)
+def test_a_window_of_other_shapes_is_refused(change, named):
+    whole = window(log(3.0), 1000)
+    with pytest.raises(ValueError, match=f"^{named} must have shape"):
+        dataclasses.replace(whole, **change(whole))
+
+
+def test_a_window_of_other_joints_is_refused():
+    """One column would pass for the counts and torques of every joint."""
+    whole = window(log(3.0), 1000)
+    with pytest.raises(ValueError, match="2 joints like the arm; got 1"):
+        estimator()(Window(whole.counts[:, :1], whole.torque[:, :1], whole.before[:1]))
+
+
+@pytest.mark.parametrize("field", ["counts", "torque"])
+@pytest.mark.parametrize("row", [0, 140])
+def test_a_window_that_holds_nan_keeps_the_prior(field, row):
+    values = getattr(window(log(3.0), 1000), field).copy()
+    values[row] = np.nan
+    found = estimator()(dataclasses.replace(window(log(3.0), 1000), **{field: values}))
+    assert not found.sufficient
+    assert found.mass == 2.5
+    assert "NaN" in found.message
+
+
 def test_friction_that_is_uncertain_widens_the_interval():
     sure, unsure = (estimator(friction=share)(window(log(3.0), 1000)) for share in (0.0, 0.1))
     assert unsure.std > 1.5 * sure.std
+
+
+@functools.cache
+def coupled(elasticity=None):
+    """A rig and an arm with a coupled wrist, and the prior of a load that may weigh 5 kg."""
+    limit = (50.0, 50.0, 50.0)
+    rig = coupled_arm.rig_of(coulomb=(0.1, 0.2, 0.2), current_limit=limit, elasticity=elasticity)
+    arm = coupled_arm.arm_of(rig)
+    return rig, arm, LoadShape.of(arm, (0, 5), (0.25, 0, 0), None, (0.1, 0.5), (0,) * 6)
+
+
+def test_friction_of_coupled_motors_is_left_out_where_its_shaft_turns_back():
+    """A joint may slide while a shaft that moves it reverses: misfit was 8."""
+    rig, arm, load = coupled()
+    matrix = arm.dynamics.load_matrix()
+    loaded = arm.dynamics.arm(arm.f + matrix @ load.per_kg[0])
+    law = ComputedTorque(arm.dynamics.arm(arm.f + matrix @ load.prior), rig, bandwidth=60)
+    record = simulate(loaded, rig, law, coupled_arm.path_of(4.0), duration=0.82)
+    rows = slice(600, 800)
+    found = KernelEstimator(arm, rig, load, *uncertainty(arm, rig, None, 0.0))(
+        Window(record.counts[rows], record.torque[rows], record.torque[599])
+    )
+    assert found.misfit < 1
+    assert found.interval[0] <= 1.0 <= found.interval[1]
+
+
+def slowest_period(arm, rig, mass):
+    """Slowest resonance [s] of links with a point mass on coupled, elastic gears, motors locked."""
+    body = Body(mass=mass, com=(0.25, 0, 0))
+    f = arm.f + arm.dynamics.load_matrix() @ body.standard_parameters
+    C = np.array(rig.drive.coupling.matrix)
+    links = (
+        arm.dynamics.D(np.zeros(arm.n), f).full() - C.T @ np.diag(rig.drive.reflected_inertia()) @ C
+    )
+    stiffness = C.T @ np.diag(rig.drive.elasticity.stiffness) @ C
+    return 2 * np.pi * np.sqrt(np.linalg.eigvals(np.linalg.solve(stiffness, links)).real.max())
+
+
+@pytest.mark.parametrize("lightest", [0.0, 3.0])
+def test_the_kernel_is_two_periods_of_the_heaviest_load(lightest):
+    """On the shafts; and the heaviest load of a range is its end, wherever it begins."""
+    gears = Elasticity(stiffness=(4000.0, 3000.0, 500.0), damping=(5.0, 5.0, 1.0))
+    rig, arm, load = coupled(elasticity=gears)
+    load = dataclasses.replace(load, mass=np.array([lightest, 5.0]))
+    finder = KernelEstimator(arm, rig, load, *uncertainty(arm, rig, None, 0.0))
+    samples = 2 + round(2 * slowest_period(arm, rig, 5.0) / rig.period)
+    with pytest.raises(ValueError, match=f"at least {samples} samples"):
+        finder(Window(np.zeros((1, 3)), np.zeros((1, 3)), np.zeros(3)))
 
 
 def test_the_uncertainty_of_an_identification_is_its_covariance_and_that_of_other_friction():
@@ -138,3 +230,7 @@ def test_what_is_refused():
         uncertainty(arm, RIG, None, -0.1)
     with pytest.raises(ValueError, match="found"):
         uncertainty(arm, RIG, arm, 0.0)
+    drive = dataclasses.replace(RIG.drive, load_friction=(0.1, 0.1))
+    loaded = dataclasses.replace(RIG, drive=drive)
+    with pytest.raises(ValueError, match=r"load_friction of the rig .*'genetic'"):
+        KernelEstimator(arm, loaded, shape(), *uncertainty(arm, loaded, None, 0.0))

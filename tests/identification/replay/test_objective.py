@@ -13,7 +13,18 @@ import numpy as np
 import pytest
 
 from identification import Objective
-from plant import Chain, Dynamics, Harmonics, Link, Lumping, Record, Rig, puma560, simulate
+from plant import (
+    Chain,
+    Dynamics,
+    FrictionCurve,
+    Harmonics,
+    Link,
+    Lumping,
+    Record,
+    Rig,
+    puma560,
+    simulate,
+)
 from plant.simulation import LANES
 
 DURATION = 0.35
@@ -368,6 +379,10 @@ def late(record, sample=100, by=0.2):
         (lambda: objective(unknown=(*NAMES, "f3")), "once"),
         (lambda: objective(unknown=()), "f1, f2, f3"),
         (lambda: objective(unknown="f1"), "unknown must"),
+        (lambda: objective(unknown=[["f1"]]), r"sequence of names; got \['f1'\]. A name is a str"),
+        (lambda: objective(unknown=5), "sequence of names; got 5. A name is a string"),
+        (lambda: objective(curved(), unknown=(*NAMES, "drive.curve.ofset[0]")), "curve.offset"),
+        (lambda: objective(unknown=(*NAMES, "drive.curve.offset[0]")), "FrictionCurve first"),
         (lambda: objective(threads=0), "threads"),
         (lambda: objective(threads=1.5), "threads"),
         (lambda: objective(steps_per_sample=0), "steps_per_sample"),
@@ -378,6 +393,11 @@ def test_bad_input_is_refused_in_one_line(call, said):
     with pytest.raises(ValueError, match=said) as refusal:
         call()
     assert "\n" not in str(refusal.value)
+
+
+def curved():
+    drive = dataclasses.replace(puma560.rig().drive, curve=FrictionCurve(offset=(0.1, 0.1)))
+    return dataclasses.replace(robot(), rig=dataclasses.replace(puma560.rig(), drive=drive))
 
 
 def slower():
