@@ -144,19 +144,20 @@ class Uncertainty(Shown, Part):
         # 2. Gears.
         values["resonance"] = None if self.resonance is None else _pairs(self.resonance)
         damping = self.damping_ratio
-        # Stated resonances need a damping; gears of the rig have theirs, which is not sampled.
+        # Stated resonances need a damping.
         if damping is None and self.resonance is not None:
             damping = _DAMPING
-        elif damping is not None and self.resonance is None:
-            raise ValueError(
-                f"damping_ratio must be given with a resonance; got {damping!r:.60} alone. Give"
-                " resonance=(lowest, highest) [Hz], too."
-            )
         if damping is not None:
             damping = between("damping_ratio", damping, "a ratio")
         values["damping_ratio"] = damping
         # The higher end decides: an overdamped gear has no resonance to be stated.
         require_swinging(max(values["damping_ratio"] or (0.0,)))
+        # Gears of the rig have a damping of their own, which is not sampled.
+        if damping is not None and self.resonance is None:
+            raise ValueError(
+                f"damping_ratio must be given with a resonance; got {spread(damping)} alone. Give"
+                " resonance=(lowest, highest) [Hz], too."
+            )
         # The part is frozen, and has checked its own values.
         for name, value in values.items():
             object.__setattr__(self, name, value)

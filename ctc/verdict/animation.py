@@ -188,7 +188,8 @@ def animate(
     figure.set_layout_engine("none")  # a layout for every picture would take most of the time
     # 3. A picture for each of them: only links, lines and title change.
     # The writer drops fractions of a millisecond: half of one more guards against rounding.
-    writer = PillowWriter(fps=1000 / (10 * hundredths + 0.5))
+    rate: Any = 1000 / (10 * hundredths + 0.5)
+    writer = PillowWriter(fps=rate)
     with writer.saving(figure, str(file), dpi=80):
         for k in samples:
             scene.draw(q[k])
