@@ -1,4 +1,4 @@
-"""A fleet as a figure and as one page, of a size that grows neither with logs nor with robots."""
+"""A fleet as a figure and as one page, whose size grows neither with logs nor with robots."""
 
 from collections.abc import Iterator, Sequence
 from typing import Any
@@ -50,13 +50,14 @@ class FleetPageSettings:
 PAGE = FleetPageSettings()
 
 _CAPTION = (
-    "Change of each robot against its own first logs: the band holds nine in ten of all robots,"
-    " curves with 95 % intervals, if there are any, are the robots that need attention first."
+    "Change of each robot against its own first logs. The band holds nine in ten of all robots."
+    " Curves, with 95 % intervals, are the robots that need attention first, if there are any."
 )
 _HEAD = ("", "mean", "unit", "robots differ by", "weeks of a robot by", "per °C, 95 % from", "to")
 _MEANING = (
-    "Standard deviations, by restricted maximum likelihood; a slope with temperature is of logs of"
-    " one robot at several temperatures, and is taken out before a log is judged."
+    "Differences are standard deviations, by restricted maximum likelihood. The slope with"
+    " temperature comes from logs of one robot at several temperatures; it is taken out before a"
+    " log is judged."
 )
 
 
@@ -68,8 +69,8 @@ def _empty() -> ValueError:
 def plot_fleet(
     effects: Sequence[Effect], order: Sequence[Judgement], ax: Any = None
 ) -> NDArray[Any]:
-    """Draw the parameters that changed most, over time; Axes (panels, 1)."""
-    # Parameters with the surest changes come first; a fleet without any shows its first ones.
+    """Draw the parameters with the surest changes over time; return the Axes (panels, 1)."""
+    # Parameters that no robot was judged by come last.
     changes = [change for judgement in order for change in judgement.looked]
     changes.sort(key=lambda change: change.false_alarm)
     names = [change.name for change in changes] + [effect.of.name for effect in effects]
@@ -90,18 +91,18 @@ def plot_fleet(
 
 def _panel(axis: Any, effect: Effect, robots: Sequence[str]) -> None:
     of = effect.of
-    # A value that its own uncertainty may explain has no meaningful percentage.
-    relative = np.median(np.abs(of.value)) > 3 * np.median(of.std)
-    dressed(axis, of.label).set_ylabel("change [%]" if relative else f"change [{of.unit}]")
-
     # 1. Change of each robot against its own start: robots may differ by more than they change.
+    logs_of = [np.flatnonzero(of.robot == robot) for robot in range(len(of.robots))]
+    # The mean of several logs: a single one would shift the whole curve by its own error.
+    starts = np.array([of.value[logs[: PAGE.start]].mean() for logs in logs_of])
+    # A value that its own uncertainty may explain has no meaningful percentage, and zero has none.
+    certain = np.median(np.abs(of.value)) > 3 * np.median(of.std)
+    relative = certain and starts.all()
+    dressed(axis, of.label).set_ylabel("change [%]" if relative else f"change [{of.unit}]")
     change = np.empty_like(of.value)
     std = np.empty_like(of.value)
-    for robot in range(len(of.robots)):
-        logs = np.flatnonzero(of.robot == robot)
-        # The mean of several logs: a single one would shift the whole curve by its own error.
-        start = of.value[logs[: PAGE.start]].mean()
-        scale = 100 / abs(start) if relative and start else 1.0
+    for logs, start in zip(logs_of, starts, strict=True):
+        scale = 100 / abs(start) if relative else 1.0
         change[logs] = scale * (of.value[logs] - start)
         std[logs] = scale * of.std[logs]
 
@@ -120,11 +121,9 @@ def _panel(axis: Any, effect: Effect, robots: Sequence[str]) -> None:
     low, high = np.array(quantiles).T
     axis.fill_between(when, low, high, color=BAND, label="nine in ten robots")
     for curve, name in enumerate(robots):
-        # Not every robot has this parameter.
-        if name not in of.robots:
-            continue
-        robot = of.robots.index(name)
-        groups = [(of.robot == robot) & (interval == i) for i in intervals]
+        # A robot without this parameter has an empty curve: the legend still names it.
+        own = np.array(of.robots)[of.robot] == name
+        groups = [own & (interval == i) for i in intervals]
         present = [group.any() for group in groups]
         groups = [group for group in groups if group.any()]
         axis.errorbar(
@@ -145,8 +144,10 @@ def fleet_page(title: str, effects: Sequence[Effect], order: Sequence[Judgement]
     """Write the page of a fleet as HTML."""
     if not effects:
         raise _empty()
-    time = effects[0].of.time
-    dates = f"{day_of(time.min())} to {day_of(time.max())}"
+    # Not every log has every parameter.
+    first = min(effect.of.time.min() for effect in effects)
+    last = max(judgement.time for judgement in order)
+    dates = f"{day_of(first)} to {day_of(last)}"
     subtitle = f"{len(order)} robots, {logs} identifications, {dates}"
     return page(title, subtitle, _parts(effects, order))
 
@@ -178,7 +179,7 @@ def _parts(effects: Sequence[Effect], order: Sequence[Judgement]) -> Iterator[st
     )
     yield section("Changes", figure(plot_fleet(effects, order), "changes of the fleet", _CAPTION))
 
-    # 2. The surest change of each robot, also where it is no finding.
+    # 2. The surest change of each robot, also where it is not below the level.
     rows = []
     for judgement in order[: PAGE.rows]:
         surest: Any = judgement.unknown

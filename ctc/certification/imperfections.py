@@ -209,8 +209,8 @@ def drawn_of(ranges: Mapping[str, tuple[float, float]], random: Any, count: int,
 
 def between(name: str, value: Any, unit: str, signed: bool = False) -> tuple[float, float]:
     """Ends (low, high) of a range that is given as one number or as two."""
-    # One number stands for a range without width.
-    if np.ndim(value) == 0:
+    # One number stands for a range without width. As objects: `array` refuses nested sequences.
+    if np.ndim(np.array(value, dtype=object)) == 0:
         value = (real(name, value, f"Give {unit}, or the two ends of a range."),) * 2
     advice = f"Give one number [{unit}], or the two ends of a range."
     low, high = array(name, value, (2,), advice=advice).tolist()

@@ -23,19 +23,19 @@ Range = Any  # one number, or the two ends of a range
 class Uncertainty(Shown, Part):
     """Distributions of unknown properties of an arm and its rig, for `certify` and `tune`.
 
-    Two numbers are the ends of a range, in which samples are uniform, and joints independent. Print
-    it for a table.
+    Two numbers are the ends of a range. Samples are uniform in it, and independent for each joint.
+    Printing shows a table of what is uncertain.
 
     Parameters
     ----------
     covariance : (k, k) array_like, optional
-        Of ``found.fit.values``, normal; by default ``found.covariance``. With an `Arm` in place of
-        ``found``, of its f.
+        Of ``found.fit.values``, whose distribution is normal; by default ``found.covariance``. If
+        an `Arm` takes the place of ``found``, it is the covariance of the arm's f.
     plants : (M, p) array_like, optional
-        Instead: f of given arms, taken in turn.
+        In place of a covariance: f of given arms, taken in turn.
     friction : float
-        Relative standard deviation of every viscous coefficient and Coulomb level, normal, each on
-        its own; for those that were identified, their covariance is used instead.
+        Relative standard deviation of every viscous coefficient and Coulomb level; they are normal
+        and independent. Those that were identified have their covariance instead.
     load : float or (2,) array_like
         Point mass in the gripper [kg].
     load_position : (3,) array_like, optional
@@ -45,16 +45,16 @@ class Uncertainty(Shown, Part):
     delay : float or (2,) array_like
         Of the torque [s], constant during a run; at most one period of the controller.
     dropped : float
-        Probability that the counts of a sample do not arrive; the controller then reads those of
-        the sample before.
+        Probability that the counts of a sample do not arrive; the controller then reads the counts
+        of the sample before.
     resonance : (2,) or (n, 2) array_like, optional
         Lowest and highest locked-rotor resonance at the reference's first pose [Hz]: one pair for
         all joints alike, or one for each. None for the rig's own gears. It is a range, not a
         distribution: bounds hold for its worst cell of 10 %.
     damping_ratio : float or (2,) array_like, optional
-        Of that resonance; 0.01 to 0.03 by default.
+        Of that resonance, and only with it; 0.01 to 0.03 by default.
     backlash : float or (2,) array_like
-        Of each gear, joint side [rad]; of gears that have a `resonance`, here or in the rig.
+        Of each gear, joint side [rad]; the gears must have a `resonance`, here or in the rig.
     lag : float or (2,) array_like
         Time constant of the motor currents [s], of all.
     jitter : float or (2,) array_like
@@ -70,12 +70,14 @@ class Uncertainty(Shown, Part):
     quadrature : float or (2,) array_like
         Amplitude of the encoder's error within four counts [pulses].
     supply : float or (2,) array_like
-        Voltage of position servos over that stated, (0.9, 1.1), each its own; also another gain.
+        Voltage of each position servo over the stated one, such as (0.9, 1.1). A wrong gain of the
+        servo has the same effect.
 
     Raises
     ------
     ValueError
-        Ranges whose ends are not in order; a load without its place.
+        Ranges whose ends are not in order; a load without its place, or a damping ratio without a
+        resonance.
 
     See Also
     --------
@@ -142,7 +144,7 @@ class Uncertainty(Shown, Part):
         # 2. Gears.
         values["resonance"] = None if self.resonance is None else _pairs(self.resonance)
         damping = self.damping_ratio
-        # Stated resonances need a damping; gears of the rig have theirs.
+        # Stated resonances need a damping.
         if damping is None and self.resonance is not None:
             damping = _DAMPING
         if damping is not None:
@@ -150,6 +152,12 @@ class Uncertainty(Shown, Part):
         values["damping_ratio"] = damping
         # The higher end decides: an overdamped gear has no resonance to be stated.
         require_swinging(max(values["damping_ratio"] or (0.0,)))
+        # Gears of the rig have a damping of their own, which is not sampled.
+        if damping is not None and self.resonance is None:
+            raise ValueError(
+                f"damping_ratio must be given with a resonance; got {spread(damping)} alone. Give"
+                " resonance=(lowest, highest) [Hz], too."
+            )
         # The part is frozen, and has checked its own values.
         for name, value in values.items():
             object.__setattr__(self, name, value)
@@ -173,7 +181,7 @@ class Uncertainty(Shown, Part):
             yield "phase", "-0.5 to 0.5", "pulses"
         if self.dropped:
             yield "dropped", f"{self.dropped:g}", "of the samples"
-        # Of one range for all joints no index is printed.
+        # A single range is that of all joints: it has no index.
         for i, pair in enumerate(self.resonance or ()):
             yield "resonance" if len(self.resonance) == 1 else f"resonance[{i}]", spread(pair), "Hz"
         if self.resonance is not None:
@@ -204,13 +212,15 @@ def spread(ends: tuple[float, float]) -> str:
 
 
 def _pairs(resonance: Any) -> tuple[tuple[float, float], ...]:
-    """Ends of each range of resonances."""
-    if np.ndim(resonance) == 0:
+    """Ends of each range of resonances: of one for all joints, or of one for each."""
+    # As objects: rows of different lengths have a message of their own below.
+    entries = np.array(resonance, dtype=object)
+    if entries.ndim == 0 or not entries.size:
         raise ValueError(
             f"resonance must be (lowest, highest) [Hz]; got {resonance!r:.60}. Give a range."
         )
     # One pair is a range for all joints alike.
-    pairs = np.atleast_2d(np.asarray(resonance, float))
+    pairs = [resonance] if entries.ndim == 1 else resonance
     pairs = array("resonance", pairs, ("m", 2), advice="Give the lowest and the highest [Hz].")
     good = (pairs[:, 0] > 0) & (pairs[:, 0] <= pairs[:, 1])
     if not good.all():

@@ -27,15 +27,15 @@ def section(title: str, *parts: str) -> str:
 
 
 def figure(drawing: Any, label: str, caption: str) -> str:
-    """The figure of some Axes as inline SVG, with text as text; it is closed.
+    """The figure of some Axes as inline SVG, whose text stays text; the figure is closed.
 
-    The caption of the page replaces titles above and texts below the Axes. Curves keep only the
-    points that a page can show.
+    The caption of the page replaces the title above the Axes and the text below them. Curves keep
+    only the points that a page can show.
     """
     import matplotlib as mpl
     import matplotlib.pyplot as plt
 
-    # 1. Take away the texts, and the height of those below: 0.14 inch a line, at their size.
+    # 1. Take away both, and the height of the text below: 0.14 inch a line at its size.
     drawing = np.ravel(drawing)[0].figure
     lines = drawing.get_supxlabel().splitlines()
     drawing.set_size_inches(drawing.get_figwidth(), drawing.get_figheight() - 0.14 * len(lines))
@@ -74,13 +74,16 @@ def thin(line: Any, axis: Any) -> None:
     # Two points a column save little of a short curve; a curve that turns back has no columns.
     if len(x) <= 4 * columns or (np.diff(x) <= 0).any():
         return
-    # On the screen, since the axis may be logarithmic.
-    along = axis.transData.transform(np.column_stack([x, y]))[:, 0]
+    # On the screen, since the axis may be logarithmic; no place in x depends on y.
+    along = axis.transData.transform(np.column_stack([x, np.ones(len(x))]))[:, 0]
     column = np.floor((along - along[0]) / (along[-1] - along[0]) * columns).astype(int)
+    # A missing sample (NaN) is neither extreme: only a column without any other stays a gap.
+    low = np.where(np.isnan(y), np.inf, y)
+    high = np.where(np.isnan(y), -np.inf, y)
     points: list[int] = []
     for part in np.split(np.arange(len(x)), np.flatnonzero(np.diff(column)) + 1):
         # One point where both are the same; in order of x, so that the curve does not turn back.
-        points += sorted({int(part[y[part].argmin()]), int(part[y[part].argmax()])})
+        points += sorted({int(part[low[part].argmin()]), int(part[high[part].argmax()])})
     line.set_data(x[points], y[points])
     # Steps between such points would draw blocks.
     line.set_drawstyle("default")

@@ -3,6 +3,7 @@
 matplotlib is imported only when a figure is drawn.
 """
 
+import math
 from pathlib import Path
 from typing import Any
 
@@ -13,10 +14,22 @@ from ctc.figures import draw_band
 from ctc.verdict.evaluation import Evaluation
 from plant import Arm
 from plant.mechanics import joint_positions
-from plant.parts import Floats, array, axes_of, colour_of, dressed, instance, known_options, real
+from plant.parts import (
+    Floats,
+    array,
+    axes_of,
+    colour_of,
+    dressed,
+    instance,
+    known_options,
+    path_of,
+    real,
+    require_new,
+)
 
-# Poses that determine the plane of a planar arm, and the space of a motion. Chosen by hand: three
-# suffice for a plane, and 200 points of a motion leave no visible gap.
+# Poses that determine the plane of a planar arm, and poses of a motion that determine the ranges of
+# the axes. Chosen by hand: three suffice for a plane, and 200 points of a motion leave no visible
+# gap.
 _POSES = 200
 
 
@@ -42,8 +55,8 @@ def plot_arm(arm: Arm, q: ArrayLike, *, tip: ArrayLike | None = None, ax: Any = 
     Raises
     ------
     ValueError
-        No tip and no bodies to tell the end of the last link; several Axes, or flat Axes for an arm
-        without a plane.
+        No tip and no bodies to tell the end of the last link; several Axes, flat Axes for an arm
+        without a plane, or Axes in space for one with a plane.
 
     See Also
     --------
@@ -87,7 +100,7 @@ def animate(
     *,
     arm: Arm,
     tip: ArrayLike | None = None,
-    fps: int = 15,
+    fps: float = 15,
     speed: float = 1.0,
 ) -> int:
     """Write a GIF of a run: the arm on its path, and the encoder error of every joint in pulses.
@@ -96,20 +109,21 @@ def animate(
     ----------
     evaluation : Evaluation
     path : str or Path
-        Of the GIF.
+        Of the GIF, ``.gif``; an old file is overwritten.
     arm : Arm
         Whose links are drawn.
     tip : (3,) array_like, optional
         As for `plot_arm`.
-    fps : int
-        Pictures per second, 50 at most (what GIF viewers show).
+    fps : float
+        Pictures per second, 50 at most (what GIF viewers show). A picture lasts 1 / fps, rounded
+        to hundredths of a second, but not less than one sample of the run at this `speed`.
     speed : float
         Speed of the animation: 0.2 is slow motion, five times as long as the run.
 
     Returns
     -------
     int
-        Number of pictures: one every speed / fps of the run, and its last sample.
+        Number of pictures; the last one shows the last sample of the run.
 
     Raises
     ------
@@ -140,16 +154,23 @@ def animate(
             f"arm must have {record.n} joints like the run; got {arm.n}. Pass the arm that was"
             " evaluated."
         )
-    # GIF files count hundredths of a second; most viewers show two of them at least.
+    # Most viewers show no picture for less than 20 ms.
     if real("fps", fps, "15 is smooth enough.", positive=True) > 50:
         raise ValueError(
             f"fps must be 50 at most; got {fps}. Viewers show a GIF no faster; lower speed instead."
         )
+    speed = real("speed", speed, "1 is as fast as the arm.", positive=True)
+    # GIF files count hundredths of a second, and a picture shows at least one new sample.
+    period = record.rig.period
+    hundredths = max(round(100 / fps), math.ceil(100 * period / speed))
     # Samples of the run between two pictures.
-    step = real("speed", speed, "1 is as fast as the arm.", positive=True) / fps / record.rig.period
-    # At most a picture for each sample, and always the last sample.
+    step = speed * hundredths / 100 / period
     last_sample = len(record) - 1
-    samples = np.append(np.arange(0, last_sample, max(step, 1.0)).astype(int), last_sample)
+    samples = np.append(np.arange(0, last_sample, step).astype(int), last_sample)
+    # matplotlib takes the format from the name, and would find out after the last picture.
+    if path_of("path", path).suffix.lower() != ".gif":
+        raise ValueError(f"path must be a .gif file; got {str(path)!r:.80}. Name a GIF.")
+    file = require_new(path, overwrite=True)
 
     import matplotlib.pyplot as plt
     from matplotlib.animation import PillowWriter
@@ -166,8 +187,10 @@ def animate(
     figure.draw_without_rendering()
     figure.set_layout_engine("none")  # a layout for every picture would take most of the time
     # 3. A picture for each of them: only links, lines and title change.
-    writer = PillowWriter(fps=fps)
-    with writer.saving(figure, str(path), dpi=80):
+    # The writer drops fractions of a millisecond: half of one more guards against rounding.
+    rate: Any = 1000 / (10 * hundredths + 0.5)
+    writer = PillowWriter(fps=rate)
+    with writer.saving(figure, str(file), dpi=80):
         for k in samples:
             scene.draw(q[k])
             for line, values in cursors:
@@ -181,7 +204,10 @@ def animate(
 
 
 def _error_axis(axis: Any, evaluation: Evaluation, joint: int) -> tuple[Any, Floats]:
-    """Draw a joint's error of the whole run in grey; the line of the run so far, and its values."""
+    """Draw a joint's error (N,) of the whole run in grey, and an empty line for the run so far.
+
+    Returned are this line and the error.
+    """
     record = evaluation.record
     values = record.error_pulses[:, joint]
     axis.spines[["top", "right"]].set_visible(False)
@@ -189,7 +215,9 @@ def _error_axis(axis: Any, evaluation: Evaluation, joint: int) -> tuple[Any, Flo
     (line,) = axis.plot([], [], drawstyle="steps-post", color=colour_of(joint), linewidth=0.9)
     draw_band(axis)
     head = "encoder error [pulses]; shaded: ±1\n" if joint == 0 else ""
-    axis.set_title(f"{head}{evaluation.joint_labels[joint]}", fontsize=8, loc="left", pad=2)
+    title = f"{head}{evaluation.joint_labels[joint]}"
+    # A joint may be named ``$x_{$``, which is no formula.
+    axis.set_title(title, fontsize=8, loc="left", pad=2, parse_math=False)
     # Joints share one axis of time, the lowest.
     if joint < record.n - 1:
         axis.tick_params(labelbottom=False)
@@ -258,9 +286,8 @@ class _Scene:
 def _plane(points: Floats, up: Floats) -> Floats:
     """Rows of a view: both axes of the plane through the base that holds all points.
 
-    If no plane does, the identity.
-
-    The second axis is upwards where the plane is not level, the first one towards positive x, or y.
+    If no plane does, the rows are those of the identity. Where the plane is not level, the second
+    axis is upwards; the first axis is towards positive x, or towards positive y where x is zero.
     """
     # Singular values are the extents of the points; in a plane through the base the third is zero.
     _, spread, axes = np.linalg.svd(points.reshape(-1, 3), full_matrices=False)

@@ -294,6 +294,50 @@ def test_the_page_does_not_grow_with_logs(tmp_path):
     assert sizes[1] < 1.6 * sizes[0]  # 12.5 times the logs; the figure has up to 60 instants
 
 
+def stated(path, values, assumed=()):
+    """A fleet of these values (weeks, robots, k); those at the indices `assumed` have no std."""
+    fleet = Fleet(path)
+    for week, robot in np.ndindex(values.shape[:2]):
+        variance = np.full(len(NAMES), STD**2)
+        variance[[k for w, r, k in assumed if (w, r) == (week, robot)]] = 0.0
+        result = dataclasses.replace(found(values[week, robot]), covariance=np.diag(variance))
+        fleet.add(log(week * values.shape[1] + robot, f"cell_{robot}", week), result)
+    return fleet
+
+
+def scattered(weeks, robots):
+    return 2 + 0.03 * np.random.default_rng(0).standard_normal((weeks, robots, len(NAMES)))
+
+
+def test_the_dates_of_the_page_are_those_of_all_parameters(tmp_path):
+    """The first one is assumed in the last weeks."""
+    assumed = [(week, robot, 0) for week in (2, 3) for robot in (0, 1)]
+    fleet = stated(tmp_path / "fleet.sqlite", scattered(4, 2), assumed)
+    fleet.report(tmp_path / "page.html")
+    assert "8 identifications, 2026-03-02 to 2026-03-23" in (tmp_path / "page.html").read_text()
+
+
+def test_the_legend_names_every_robot_also_where_the_first_panel_lacks_it(tmp_path):
+    values = scattered(4, 4)
+    # The surest change is of a parameter that the other robot does not have.
+    values[-1, 1, 0] += 3.0
+    values[-1, 2, 1] += 1.0
+    axes = stated(tmp_path / "fleet.sqlite", values, [(week, 2, 0) for week in range(4)]).plot()
+    axes[0, 0].figure.canvas.draw()
+    names = [text.get_text() for text in axes[0, 0].get_legend().get_texts()]
+    assert names == ["nine in ten robots", "cell_1", "cell_2"]
+    points = [[len(curve.lines[0].get_xdata()) for curve in axis.containers] for axis in axes.flat]
+    assert points[:2] == [[4, 0], [4, 4]]
+
+
+def test_a_change_from_zero_is_no_percentage(tmp_path):
+    values = scattered(4, 4)
+    values[:, 1, 0] = 0, 0, 0, 5
+    axis = stated(tmp_path / "fleet.sqlite", values).plot()[0, 0]
+    assert "%" not in axis.get_ylabel()
+    np.testing.assert_array_equal(axis.containers[0].lines[0].get_ydata(), values[:, 1, 0])
+
+
 def test_a_log_does_not_speak_for_itself(tmp_path):
     """In a small fleet a defect would widen what weeks differ by, and excuse itself."""
     fleet, own = filled(tmp_path / "fleet.sqlite", weeks=4, robots=2, seed=3)

@@ -95,3 +95,20 @@ def test_numbers_are_kept_as_they_are_used():
     assert STATED.damping_ratio == (0.01, 0.03)
     np.testing.assert_array_equal(STATED.load_position, (0, -0.4, 0))
     assert STATED.imperfections["lag"] == (1e-3, 1e-3)
+
+
+@pytest.mark.parametrize(
+    ("stated", "named"),
+    [
+        ({"resonance": [(40, 80), (50,)]}, "resonance must be numbers"),
+        ({"resonance": ("low", "high")}, "resonance must be numbers"),
+        ({"resonance": np.zeros((0, 2))}, "resonance must be"),
+        ({"lag": [1e-3, [2e-3]]}, "lag must be numbers"),
+        ({"damping_ratio": (0.02, 0.05)}, "damping_ratio must be given with a resonance"),
+    ],
+    ids=str,
+)
+def test_ranges_that_are_none_or_have_no_effect_are_refused_in_one_line(stated, named):
+    with pytest.raises(ValueError, match=named) as refusal:
+        Uncertainty(**stated)
+    assert "\n" not in str(refusal.value)

@@ -320,6 +320,23 @@ def test_a_long_curve_is_drawn_by_its_extremes():
     plt.close("all")
 
 
+def test_missing_samples_take_no_others_from_a_long_curve():
+    t, y = np.linspace(0, 4, 5000), np.random.default_rng(1).normal(size=5000)
+    # Every tenth sample is missing, and a whole stretch, which stays a gap.
+    y[::10] = np.nan
+    y[2000:3000] = np.nan
+    axis = plt.subplots(figsize=(4, 2))[1]
+    (line,) = axis.plot(t, y)
+    thin(line, axis)
+    drawn_t, drawn = line.get_data()
+    assert (np.nanmin(drawn), np.nanmax(drawn)) == (np.nanmin(y), np.nanmax(y))
+    outside = (drawn_t < t[1990]) | (drawn_t > t[3010])
+    assert np.isfinite(drawn[outside]).all()
+    assert np.isnan(drawn[~outside]).any()
+    assert len(drawn) > 3 * 40
+    plt.close("all")
+
+
 def test_the_page_is_light(page):
     """Two joints and 2,000 samples; seven and 5,700 are 0.4 MB."""
     assert page.stat().st_size < 200_000

@@ -1,5 +1,6 @@
 """What is drawn is where the arm is: the end point against pinocchio, the GIF against Pillow."""
 
+import dataclasses
 import functools
 
 import numpy as np
@@ -22,6 +23,20 @@ def run():
     path = PointToPoint(start=(0.2, -0.3), goal=(-0.6, 0.9), duration=0.42)
     return evaluate(
         puma560.arm(), puma560.rig(), puma560.p_law(), path, backend="numba", steps_per_sample=4
+    )
+
+
+@functools.cache
+def short_run():
+    path = puma560.reference()
+    return evaluate(
+        puma560.arm(),
+        puma560.rig(),
+        puma560.p_law(),
+        path,
+        duration=0.03,
+        backend="numba",
+        steps_per_sample=4,
     )
 
 
@@ -105,6 +120,33 @@ def test_every_picture_shows_the_arm_and_its_error_at_that_time(tmp_path, monkey
     assert matplotlib.pyplot.get_fignums() == []
 
 
+@pytest.mark.parametrize(
+    ("fps", "speed"), [(15, 0.03), (40, 0.1), (50, 0.01)], ids=["66.7 ms", "25 ms", "slow"]
+)
+def test_the_gif_takes_as_long_as_the_run_at_its_speed(tmp_path, fps, speed):
+    """A picture lasts whole hundredths of a second, and shows one sample at least."""
+    image = pytest.importorskip("PIL.Image")
+    file = tmp_path / "run.gif"
+    pictures = animate(short_run(), file, arm=puma560.arm(), tip=TIP, fps=fps, speed=speed)
+    with image.open(file) as gif:
+        assert gif.n_frames == pictures
+        lasts = gif.info["duration"] / 1e3
+    # Up to the last sample, which is one more picture.
+    duration = short_run().record.t[-1] / speed
+    assert duration <= (pictures - 1) * lasts < duration + lasts
+
+
+def test_a_joint_with_dollars_and_braces_is_animated(tmp_path):
+    dynamics = puma560.dynamics()
+    first, second = dynamics.chain.links
+    links = dataclasses.replace(first, name="$x_{$"), second
+    chain = dataclasses.replace(dynamics.chain, links=links)
+    arm = dataclasses.replace(puma560.arm(), dynamics=dataclasses.replace(dynamics, chain=chain))
+    named = dataclasses.replace(short_run(), arm=arm)
+    assert "$x_{$" in named.joint_labels[0]
+    assert animate(named, tmp_path / "run.gif", arm=arm, tip=TIP) > 1
+
+
 def test_the_phase_plot_has_the_rate_of_the_error():
     axes = run().plot(phase=True)
     h = 0.7e-3 / 4
@@ -129,9 +171,19 @@ def test_the_limit_of_the_amplifier_is_beside_the_torque():
         matplotlib.pyplot.close("all")
 
 
+@pytest.mark.parametrize("name", ["run.png", "run", "run.jpg", "none/run.gif", ""])
+def test_a_place_for_no_gif_is_refused_before_anything_is_drawn(tmp_path, name):
+    file = tmp_path / name
+    with pytest.raises(ValueError, match="must be"):
+        animate(short_run(), file, arm=puma560.arm(), tip=TIP)
+    assert not file.is_file()
+    assert matplotlib.pyplot.get_fignums() == []
+
+
 @pytest.mark.parametrize(
     ("call", "message"),
     [
+        (lambda file: animate(run(), 7, arm=puma560.arm(), tip=TIP), "path must be a path; got 7"),
         (
             lambda file: animate(run(), file, arm=puma560.arm()),
             "tip must be given, as no body says where link 3 ends",
