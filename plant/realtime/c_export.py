@@ -108,7 +108,9 @@ def _values(law, rig, output, without, controller):
     ]
     # The compiler would warn of arguments that the law does not read.
     unread = [
-        x for x in ("pulses", "q_r", "qd_r", "qdd_r") if not any(f"{x}[" in text for text in used)
+        x
+        for x in ("pulses", "q_r", "qd_r", "qdd_r")
+        if not any(text.startswith((f"{x}[", f"(double){x}[")) for text in used)
     ]
     unread = [" ".join(f"(void){x};" for x in unread)] if unread else []
     body = "\n\n".join([*blocks, "\n".join(arrays), *unread])

@@ -444,6 +444,23 @@ def test_bad_input_is_refused_in_one_line(tmp_path, options, said):
 
 
 @part
+class Holding(P):
+    """Its place is a number with the name of an argument that it does not read."""
+
+    q_r: object = number(("n",))
+
+    def equations(self, rig, state, setpoint, pulses, torque, dt):
+        error = rig.position_in_pulses(self.q_r) - pulses
+        return rig.drive.joint_torque(self.gain * error), state
+
+
+@needs_c
+def test_an_argument_is_unread_although_a_number_has_its_name(tmp_path):
+    built(tmp_path, Holding(gain=(0.2, 0.1), q_r=(0.1, -0.2)))  # warnings are errors
+    assert "(void)q_r; (void)qd_r; (void)qdd_r;" in (tmp_path / "controller.c").read_text()
+
+
+@part
 class Accented(P):
     """A law whose number has a name that C does not allow."""
 
