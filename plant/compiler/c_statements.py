@@ -93,9 +93,9 @@ def literal(value: float) -> str:
     return repr(float(value)).replace("inf", "INFINITY").replace("nan", "NAN")
 
 
-# A name counts only where it is called, not where a longer name ends with it.
 def helpers(body: str) -> str:
     """Return the C text of those `_HELPERS` that the C code `body` calls."""
+    # The \b keeps out calls of a longer name that ends with that of a helper.
     return "".join(text for name, text in _HELPERS.items() if re.search(rf"\b{name}\(", body))
 
 

@@ -9,6 +9,7 @@ import sys
 import tempfile
 import uuid
 import zipfile
+import zlib
 from pathlib import Path
 from string import Template
 from typing import NamedTuple
@@ -20,8 +21,8 @@ from plant.fmu.model import Variable, arm_values, arm_variables, described, law_
 from plant.laws import Law
 from plant.machine import InnerLoop, Rig
 from plant.mechanics import Arm
-from plant.parts import choice, instance, known_options
-from plant.realtime import Running, require_counts, rig_of
+from plant.parts import choice, instance, known_options, write_whole
+from plant.realtime import Running, require_counts, require_folder, rig_of
 from plant.simulation import stepped_loop
 from plant.version import __version__
 
@@ -138,7 +139,7 @@ def _law(model: Law | Running, rig: Rig | None) -> _Model:
         instance("model", model, Law, "Give a law, what law.start(...) gave, or an arm.")
         rig = rig_of(model, rig, "to_fmu(law, path, rig)")
         # The start is a placeholder: the first counts that the FMU receives take its place.
-        # `start` of a servo is a torque.
+        # A servo has a torque named `start`, which hides the method.
         begin = Law.start if isinstance(model, InnerLoop) else type(model).start
         model = begin(model, rig, np.zeros(rig.n))
     elif rig is not None:
@@ -146,7 +147,10 @@ def _law(model: Law | Running, rig: Rig | None) -> _Model:
             "rig must be left out for a controller that law.start(...) gave; got one. It has its"
             " own."
         )
-    description = f"{type(model.law).__name__} with the guards of its running controller"
+    guards = "without guards"
+    if model.guards is not None:
+        guards = "with the guards of its running controller"
+    description = f"{type(model.law).__name__} {guards}"
     values = {"period": repr(model.period), "start": braced(np.zeros(4 * model.n))}
     return _Model(
         "controller", description, law_variables(model), _controller(model), values, model.period
@@ -170,6 +174,7 @@ def _arm(arm: Arm, rig: Rig | None) -> _Model:
             "rig must be given with an arm: its drives and encoders. Call to_fmu(arm, path,"
             " rig=rig)."
         )
+    instance("rig", rig, Rig, "Call to_fmu(arm, path, rig=rig).")
     loop = stepped_loop(arm, rig, 4, 3)
     require_counts(rig)
     description = "A geared arm with its drives and encoders"
@@ -178,7 +183,7 @@ def _arm(arm: Arm, rig: Rig | None) -> _Model:
 
 
 def _sources(parts: _Model, interface: str) -> dict[str, str]:
-    """Templates by file; the numbers of variables are added to the values of the model."""
+    """Templates by file; adds the numbers of variables, which fill them, to the values."""
     kinds = [(variable.whole, variable.settable) for variable in parts.variables]
     parts.values.update(
         name=parts.name,
@@ -233,12 +238,14 @@ def _checked_path(location: str | Path) -> Path:
             f"path must end in .fmu, its name in letters, digits and _; got {path.name!r:.60}."
             " Rename it."
         )
+    require_folder("the folder of path", path.parent)
     if path.exists():
         # Overwrite only an FMU whose description names this library as its generator.
         try:
             with zipfile.ZipFile(path) as earlier:
                 ours = b'generationTool="onepulse' in earlier.read("modelDescription.xml")
-        except (OSError, KeyError, zipfile.BadZipFile):
+        # A RuntimeError comes from a description that is encrypted or packed by an unknown method.
+        except (OSError, KeyError, EOFError, RuntimeError, zipfile.BadZipFile, zlib.error):
             ours = False
         if not ours:
             raise ValueError(
@@ -250,7 +257,6 @@ def _checked_path(location: str | Path) -> Path:
 
 def _write(path: Path, content: dict[str, bytes]) -> None:
     """The archive, with the same bytes for the same content."""
-    # Build the archive in memory: an error must not leave half a file.
     buffer = io.BytesIO()
     with zipfile.ZipFile(buffer, "w", zipfile.ZIP_DEFLATED) as archive:
         for file, data in content.items():
@@ -260,4 +266,5 @@ def _write(path: Path, content: dict[str, bytes]) -> None:
             info.external_attr = 0o644 << 16
             archive.writestr(info, data)
     path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_bytes(buffer.getvalue())
+    # An error must leave no half of a file, and an earlier export as it was.
+    write_whole(path, [buffer.getvalue()])

@@ -69,13 +69,14 @@ def named_joints(labels: Iterable[str]) -> list[str]:
 def law_variables(running: Running) -> list[Variable]:
     """What is exchanged, reals first."""
     joints = named_joints(running.law.joint_labels(running.rig))
+    torque = "joint torque after the amplifier's limit"
+    if running.without:
+        torque += f", without {', '.join(running.without)}"
     return [
         *of_joints("q_r", joints, "input", "reference position", unit="rad"),
         *of_joints("qd_r", joints, "input", "reference velocity", unit="rad/s"),
         *of_joints("qdd_r", joints, "input", "reference acceleration", unit="rad/s2"),
-        *of_joints(
-            "torque", joints, "output", "joint torque after the amplifier's limit", unit="N.m"
-        ),
+        *of_joints("torque", joints, "output", torque, unit="N.m"),
         *of_joints("counts", joints, "input", "encoder count", whole=True),
         Variable(
             "stopped", "output", "0, or why the arm is stopped: a cause in controller.h", whole=True
@@ -163,7 +164,7 @@ def _attributes(texts: dict[str, str]) -> str:
 
 
 def arm_values(arm: Arm, loop: ClosedLoop) -> dict[str, str]:
-    """What the templates arm.c and arm.h need of it."""
+    """What the templates arm.c and arm.h need of an arm and its loop."""
     p = arm.dynamics.p
     # Torques, start positions and velocities, f, and outputs, in the order of `arm_variables`.
     start = np.concatenate([np.zeros(3 * arm.n), arm.f, np.zeros(2 * arm.n)])
@@ -224,7 +225,7 @@ def _observed(loop: ClosedLoop) -> str:
     sound = ca.logic_and(state.ok > 0, bounded(ca.vertsplit(ca.vertcat(state.q, state.qd))))
     # A state that has diverged must end the simulation with an error instead of counts.
     function = ca.Function("observed", [symbols], [ca.cse(ca.vertcat(q, qd, counts, sound))])
-    # One function for outputs and soundness, so that a master cannot read counts without asking.
+    # One function for outputs and soundness, so that no outputs are shown without the check.
     text = _body(
         function,
         [_state(loop)],
@@ -265,7 +266,7 @@ def _state(loop: ClosedLoop) -> list[tuple[str, int]]:
 
 
 def _numbers(loop: ClosedLoop) -> list[tuple[str, int]]:
-    """F of the instance, and the numbers that are fixed."""
+    """Expressions of all numbers: `f` is that of the instance, the others are constants."""
     p = loop.dynamics.p
     return [
         *((f"f[{i}]", UNIFORM) for i in range(p)),

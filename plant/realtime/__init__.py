@@ -12,6 +12,7 @@ from plant.realtime.c_text import (
     Output,
     require_counts,
     require_exportable,
+    require_folder,
     rig_of,
     write_templates,
 )
@@ -29,6 +30,7 @@ __all__ = [
     "names_of",
     "require_counts",
     "require_exportable",
+    "require_folder",
     "rig_of",
     "values_of",
     "write_c",

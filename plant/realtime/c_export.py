@@ -127,7 +127,7 @@ def _values(law, rig, output, without, controller):
         start = f"static const double state[{states}] = {braced(block.initial)};\n"
     memory = (
         ("torque", n, "0.0", "torque_now"),
-        # A goal of 0 would be a place; no servo takes this one. A frame of zeros is limp.
+        # A goal of 0 would be a place; no servo takes INT32_MIN. A frame of zeros gives no torque.
         (stored, outputs, "INT32_MIN" if output.sends == "goal" else "0", f"{stored}_now"),
         ("state", states, "state[i]", "following"),
     )

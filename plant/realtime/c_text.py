@@ -225,6 +225,15 @@ def require_exportable(rig: Rig, name: Any) -> None:
         )
 
 
+def require_folder(name: str, folder: Path) -> None:
+    """Refuse a folder that cannot be made, since it or a parent of it has the name of a file."""
+    # Without this check `mkdir` would fail later, after all texts are made. A link that leads
+    # nowhere does not exist, but takes the name.
+    for place in (folder, *folder.parents):
+        if (place.is_symlink() or place.exists()) and not place.is_dir():
+            raise ValueError(f"{name} must be a folder; {place} is a file. Name another.")
+
+
 def _free_folder(destination: str | Path, files: Iterable[str], name: str) -> Path:
     """Folder of the export, unless a file in it would be lost.
 
@@ -236,11 +245,7 @@ def _free_folder(destination: str | Path, files: Iterable[str], name: str) -> Pa
         raise ValueError(
             f"folder must be a path; got {destination!r:.60}. Give the name of a folder."
         ) from None
-    # Without this check `mkdir` would fail later, after the templates are filled. A link that leads
-    # nowhere does not exist, but takes the name.
-    for place in (folder, *folder.parents):
-        if (place.is_symlink() or place.exists()) and not place.is_dir():
-            raise ValueError(f"folder must be a folder; {place} is a file. Name another.")
+    require_folder("folder", folder)
     for file in files:
         path = folder / file
         # A link could lead to a file of another folder, so it is refused, whatever it names.

@@ -4,17 +4,19 @@ that are saved.
 """
 
 import dataclasses
+import io
 import os
 import re
 import shutil
 import subprocess
+import zipfile
 from functools import cache
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from ctc import ComputedTorque
+from ctc import ComputedTorque, PDGravity
 from plant import (
     Elasticity,
     Guards,
@@ -301,12 +303,25 @@ def test_other_arms_and_controllers(tmp_path):
     assert fmu.whole[0]([fmu.at["stopped"]])[0] > 0
 
 
+def test_the_description_names_what_the_controller_leaves_to_others(tmp_path):
+    law = PDGravity(ARM, RIG, feedback=P(gain=(0.2, 0.15)))
+    running = law.start(RIG, (0, 0), guards=None, without=("gravity",))
+    to_fmu(running, tmp_path / "law.fmu")
+    about = fmpy.read_model_description(str(tmp_path / "law.fmu"))
+    assert about.description == "PDGravity without guards"
+    torques = [v.description for v in about.modelVariables if v.name.startswith("torque.")]
+    assert all("without gravity" in description for description in torques)
+
+
 def test_bad_input_says_what_to_do(tmp_path):
     for message, give in {
         "rig must be given, since P holds none": lambda: to_fmu(
             P(gain=(0.2, 0.1)), tmp_path / "p.fmu"
         ),
         "rig must be given with an arm": lambda: to_fmu(ARM, tmp_path / "p.fmu"),
+        "rig must be of type Rig; got a value of type float. Call to_fmu": lambda: to_fmu(
+            ARM, tmp_path / "p.fmu", rig=7e-4
+        ),
         "version must be one of 2, 3; got 1": lambda: to_fmu(LAW, tmp_path / "p.fmu", version=1),
         "path must end in .fmu": lambda: to_fmu(LAW, tmp_path / "my law.fmu"),
         "path must be that of a file": lambda: to_fmu(LAW, 3),
@@ -324,10 +339,49 @@ def test_bad_input_says_what_to_do(tmp_path):
         with pytest.raises(ValueError, match=re.escape(message)) as told:
             give()
         assert "\n" not in str(told.value)
-    (tmp_path / "mine.fmu").write_text("a letter")
+
+
+def damaged():
+    """An archive whose packed description is cut into by other bytes."""
+    file = io.BytesIO()
+    with zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("modelDescription.xml", "letters " * 100)
+    data = bytearray(file.getvalue())
+    begin = 30 + len("modelDescription.xml")  # behind the header of the entry
+    data[begin : begin + 4] = b"\xff" * 4
+    return bytes(data)
+
+
+@pytest.mark.parametrize("content", [b"a letter", damaged()], ids=["letter", "damaged"])
+def test_another_file_stays(tmp_path, content):
+    (tmp_path / "mine.fmu").write_bytes(content)
     with pytest.raises(ValueError, match="must not exist, or be an earlier export"):
         to_fmu(LAW, tmp_path / "mine.fmu")
-    assert (tmp_path / "mine.fmu").read_text() == "a letter"
+    assert (tmp_path / "mine.fmu").read_bytes() == content
+
+
+def test_a_path_through_a_file_or_a_link_to_nowhere_is_refused(tmp_path):
+    (tmp_path / "notes.txt").write_text("mine")
+    (tmp_path / "link").symlink_to(tmp_path / "nowhere")
+    for folder in ("notes.txt", "notes.txt/out", "link", "link/out"):
+        with pytest.raises(ValueError, match=r"(notes.txt|link) is a file. Name another"):
+            to_fmu(LAW, tmp_path / folder / "law.fmu")
+    assert not (tmp_path / "nowhere").exists()
+
+
+def test_an_export_that_cannot_be_written_leaves_the_earlier_one(tmp_path, monkeypatch):
+    def full(*_):
+        raise OSError("no space left")
+
+    path = tmp_path / "arm.fmu"
+    with zipfile.ZipFile(path, "w") as archive:
+        archive.writestr("modelDescription.xml", '<fmi generationTool="onepulse 0"/>')
+    earlier = path.read_bytes()
+    monkeypatch.setattr(os, "fsync", full)
+    with pytest.raises(OSError, match="no space left"):
+        to_fmu(ARM, path, rig=RIG)
+    assert [file.name for file in tmp_path.iterdir()] == ["arm.fmu"]
+    assert path.read_bytes() == earlier
 
 
 def test_names_that_cannot_be_told_apart_are_refused():
