@@ -32,7 +32,9 @@ class WeakDirectionSettings:
         The same where the state of a law before the log is unknown: the slope of such a state, an
         integral for example, nearly cancels with others. In a log with a period of 5 ms the errors
         of the slopes gave a share of 3 % to a direction that no reading determines (log 13 of
-        ``any_rig.py --period 0.005``).
+        ``any_rig.py --period 0.005``). From 0.1 on, directions that single slopes show well are
+        simulated over ways on which dry friction bends them: a load was then 0.8 kg off
+        (``tests/identification/payload/test_logged_load.py``).
     determined : float
         Share below which a direction is not determined by the readings. The slope of a
         direction that is simulated over a short way is exact to some 1e-8. Along a log of a PID
@@ -50,7 +52,7 @@ class WeakDirectionSettings:
     """
 
     measured: float = 3e-3
-    remembered: float = 0.1
+    remembered: float = 0.04
     determined: float = 1e-6
     agreement: float = 0.1
     way: float = 0.1
