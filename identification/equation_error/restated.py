@@ -297,8 +297,7 @@ def candidates_of(
         for joints in scopes:
             for size, odds in _scored(hypothesis, equation, joints):
                 corrected = functools.partial(hypothesis.undo, equation, joints, size)
-                # The state of a law that was run along its log.
-                odds -= hypothesis.against + equation.constant * SETTINGS.unknown_state
+                odds -= hypothesis.against + equation.against_any
                 words = undo.words_of(equation, size)
                 yield Candidate(hypothesis, joints, size, odds, corrected, words)
 

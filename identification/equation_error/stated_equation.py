@@ -69,9 +69,9 @@ class RestatedSettings:
         Power of the friction of gears, as a share of that of the torques, where none is stated:
         0.9 and 0.5 in the logs of a UR10 and a Panda.
     unknown_state : float
-        Log odds against any mistake where a law began before its log, in an unknown state: its
-        integral is wrong, and so is the torque where the law saturates. Right logs of the same test
-        have up to 5 for another mistake.
+        Log odds against any mistake of a log with half of the independent equations, if the state
+        of its law before it is unknown: the integral is wrong, and so is the torque where the law
+        saturates. Right logs of the same test have up to 5 for a mistake.
     against_gains : float
         Log odds against other gains of a law beside another mistake. They explain up to 3 of a
         right log, and 13 and more of one with other gains (``tests/benchmarks/causes.py``).
@@ -126,7 +126,7 @@ class RestatedSettings:
     braked: float = 0.02
     friction: float = 0.7
     usual: float = 0.2
-    unknown_state: float = 6.0
+    unknown_state: float = 8.0
     against_gains: float = 8.0
     drift: float = 6.0
     gains: float = 0.3
@@ -397,6 +397,13 @@ class TorqueEquation:
         """Independent equations that the log counts for."""
         duration = len(self.torque) * self.interval
         return min(SETTINGS.independent, duration / SETTINGS.repeating)
+
+    @property
+    def against_any(self) -> float:
+        """Log odds against any mistake: of a law whose state is unknown, in a short log."""
+        return (
+            self.constant * SETTINGS.unknown_state * (SETTINGS.independent / self.independent - 1)
+        )
 
     def _repeating(self, equations: int) -> float:
         """Factor of the error of an equation: errors repeat along a motion, so fewer count."""
