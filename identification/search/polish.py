@@ -293,12 +293,13 @@ def polished(
     stages: dict[str, Floats],
     *,
     simulated: bool = False,
-    nuisances: Floats | None = None,
+    begun: Floats | None = None,
 ) -> Outcome:
     """Prediction-error fit from a start (output-error fit, if simulated).
 
     Where the inertia D(q) of the fit is less than that of the motors alone, the values are those of
-    the start. `nuisances` (m,): start values of the prediction's nuisances; by default its own.
+    the start. `begun` (m,): start values of zeros and of what laws remembered; by default the
+    prediction's.
     """
     prediction = problem.prediction(
         simulated=simulated, zeros=problem.zeros, memories=problem.memories
@@ -311,8 +312,9 @@ def polished(
     gains = None if simulated else slice(k, k + 2 * problem.dynamics.n)
 
     # 2. Fit, then weigh records and joints by the innovations that the fit leaves.
-    if nuisances is None:
-        nuisances = prediction.nuisances
+    nuisances = prediction.nuisances.copy()
+    if begun is not None:
+        nuisances[2 * problem.dynamics.n :] = begun
     solution = _searched(problem, prediction, np.append(start, nuisances), steps, bounds, gains)
     solution = reweighed(prediction, solution, steps, bounds)
     # Where no reading determines a direction, keep the difference steps that revealed it.
@@ -329,8 +331,11 @@ def polished(
     if gains is not None and _is_coarse(problem, prediction, solution):
         finer_steps = problem.in_steps(FIT.refined * problem.steps)
         # A weight and the integral that holds it were estimated together: start from both.
-        values, nuisances = np.split(solution.values, [k])
-        return polished(finer_steps, values, step, stages, nuisances=nuisances)
+        # Gains of the observer that coarse steps needed are no start: they can leave a loop that
+        # finer steps follow no longer.
+        return polished(
+            finer_steps, solution.values[:k], step, stages, begun=solution.values[gains.stop :]
+        )
 
     # 3. Subtract the bias by rounding where the loop of a log responded to single counts. The logs
     # that are simulated for it are integrated in finer steps, so that this bias includes the one of
