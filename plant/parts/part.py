@@ -260,10 +260,14 @@ class Part(Saved):
         return copy
 
     def variants(self) -> dict[str, Self]:
-        """Copies that differ in one switch or choice, by its text: ``integration='forward'``."""
+        """Copies that differ in one switch or choice, by its text: ``integration='forward'``.
+
+        A switch that is None by default follows from other fields, so it stays.
+        """
         others = {}
         for field in dataclasses.fields(self):
-            switch = (False, True) if field.metadata.get("kind") is bool else ()
+            stated = field.metadata.get("kind") is bool and field.default is not None
+            switch = (False, True) if stated else ()
             for value in field.metadata.get("choices") or switch:
                 if value != getattr(self, field.name):
                     change = {field.name: value}

@@ -199,7 +199,7 @@ def test_several_logs_tell_more_and_each_is_shown():
 def test_logs_that_contradict_each_other_widen_the_interval():
     heavier = worn_log(body=Body(mass=MASS + 0.5, com=PLACE))
     found = find_load(ARM, [worn_log(), heavier], PLACE)
-    assert any("differ more than their deviations" in text for text in found.warnings)
+    assert any("differ by more than their deviations" in text for text in found.warnings)
     assert found.interval[0] < MASS + 0.05
     assert found.interval[1] > MASS + 0.45
 

@@ -462,6 +462,7 @@ class Switched(Part):
     size: float = number(())
     rule: str = structure(choices=("slow", "fast", "still"), default="fast")
     measured: bool = structure(bool, default=False)
+    derived: bool = structure(bool, default=None)
     label: str = structure(str, default="a")
 
 
