@@ -20,8 +20,8 @@ def repeated(identification: Any) -> Record | None:
     """Simulate the first record of an `Identification` again, with the identified values.
 
     The simulation begins as the record does, and its law begins with the identified memory.
-    `Diagnostics.difference` is the difference between this simulation and the record. The function
-    returns None if the simulation diverges.
+    `Diagnostics.difference` is the difference between this simulation and the record, but for the
+    finer sub-steps that it may have had. The function returns None if the simulation diverges.
     """
     (record,) = as_repeated(identification.records[:1], identification.fit.resumptions[:1])
     try:
