@@ -169,7 +169,8 @@ class Held(Timed):
 def _require_order(heading: Sequence[str], names: Sequence[str]) -> None:
     """Refuse a heading without t, with joints in another order or twice, or in other units."""
     cells = [cell.strip() for cell in heading]
-    time, *columns = (_UNIT.sub("", cell) for cell in cells)
+    plain = [_UNIT.sub("", cell) for cell in cells]
+    time, columns = plain[0], plain[1:]
     joints = [match.groups() for match in map(_NUMBERED.fullmatch, columns) if match]
     stems = {stem for stem, _ in joints}
     numbers = [int(number) for _, number in joints]
