@@ -292,6 +292,10 @@ class Derived(Reference):
         """Duration of the other motion [s]."""
         return self.reference.duration
 
+    @property
+    def held(self) -> bool:  # type: ignore[override]  # declared, and read only
+        return self.reference.held
+
 
 @part
 class Later(Derived):
@@ -299,10 +303,6 @@ class Later(Derived):
 
     reference: Reference = structure(Reference)
     time: float = number(())
-
-    @property
-    def held(self) -> bool:  # type: ignore[override]  # as the other one
-        return self.reference.held
 
     @property
     def links(self) -> Reference:
@@ -328,10 +328,6 @@ class Moved(Derived):
     def __post_init__(self) -> None:
         super().__post_init__()
         self.require_joints(self.reference.n)
-
-    @property
-    def held(self) -> bool:  # type: ignore[override]  # as the other one
-        return self.reference.held
 
     @property
     def links(self) -> Reference:
