@@ -56,6 +56,12 @@ class LawMemorySettings:
     rounds : int
         Number of fits of the state: where the law saturates, its torque is not linear in its state,
         and one fit does not suffice.
+    worse : float
+        Largest increase, by a change of the state, of what f leaves of the torque, relative. The
+        boost of a computed torque is far from linear: two whole changes took it from 0.7 to 2.5 and
+        on to where the law diverged (``tests/identification/search/test_memory.py``).
+    halvings : int
+        Number of times that a change which leaves more is halved before no change is made.
     flag : float
         A state is taken for a flag if its range in the second half of the log is at most this,
         relative.
@@ -78,6 +84,8 @@ class LawMemorySettings:
     finer: float = 2.2
     hidden: float = 0.005
     rounds: int = 3
+    worse: float = 0.01
+    halvings: int = 4
     flag: float = 1e-3
     step: float = 1e-4
     least_torque: float = 1e-3
@@ -210,8 +218,8 @@ def with_state(dynamics: Dynamics, record: Record, unknown: Iterable[str]) -> tu
     record, usual = at_work(record, law)
     names = linear(dynamics, record.rig, unknown)
     bands = BANDS[BAND_MOST / record.rig.period > BANDS]
+    run = run_law(record)
     for _ in range(SETTINGS.rounds):
-        run = run_law(record)
         # Directions are taken anew in each round: where the law saturates, they depend on its
         # state.
         memory, columns = state_directions(record, run, usual)
@@ -219,14 +227,19 @@ def with_state(dynamics: Dynamics, record: Record, unknown: Iterable[str]) -> tu
         if not len(columns):
             break
         # The first round chooses a band, and the later rounds keep it.
-        coordinates, bands = _fitted(
-            dynamics, record, names, run, columns, memory.deviations, bands
-        )
-        change = memory.directions @ coordinates
-        record = _moved(record, change)
-        memory = replace(memory, state=memory.state + change)
+        fitted = _fitted(dynamics, record, names, run, columns, memory.deviations, bands)
+        if fitted is None:
+            break
+        coordinates, band = fitted
+        bands = np.array([band])
+        changed = _changed(dynamics, record, names, run, memory.directions @ coordinates, band)
+        if changed is None:
+            break
+        record, run = changed
+    begun: Any = record.law
     # The law as it was given, without the log that it read here.
-    return replace(record, law=replace(law, state=memory.state)), memory
+    resumed = replace(record, law=replace(law, state=begun.state))
+    return resumed, replace(memory, state=begun.state)
 
 
 def at_work(record: Record, law: Resumed) -> tuple[Record, Floats]:
@@ -369,34 +382,64 @@ def state_directions(
     return Memory(state=np.array(law.state), directions=directions, usual=usual), columns
 
 
-def _fitted(dynamics, record, unknown, run, columns, deviations, bands):
-    """Coordinates (r,) [N m] that fit best with their deviations as a prior, and the band used."""
+def _changed(dynamics, record, unknown, run, change, band):
+    """The record and its run after a change of the law's state (s,), or after a part of the change.
+
+    None where each part leaves more of the torque unexplained than no change.
+    """
+    most = (1 + SETTINGS.worse) * _unexplained(dynamics, record, unknown, run, band)
+    for halving in range(SETTINGS.halvings + 1):
+        moved = _moved(record, change / 2**halving)
+        beside = run_law(moved)
+        if _unexplained(dynamics, moved, unknown, beside, band) <= most:
+            return moved, beside
+    return None
+
+
+def _unexplained(dynamics, record, unknown, run, band):
+    """Share of the torque of a run that f leaves; infinite where the law diverges."""
+    if not np.isfinite(run.given).all():
+        return np.inf
+    equations = _equations(dynamics, record, unknown, run, band)
+    return weighted(dynamics, tuple(unknown), [equations]).relative_error
+
+
+def _equations(dynamics, record, unknown, run, band, columns=()):
+    """The torque equation of a run in one band, with the torques of a state (r, N, n) beside f."""
     rig = record.rig
-    torque = law_torque(record, run)
-    fits = []
     # The law's torque contains the torque of the state. As an unknown, that torque moves to the
     # other side of the equation, and its sign changes.
     extra = {f"state[{i}]": lambda *_, column=column: -column for i, column in enumerate(columns)}
+    return regressor_and_torque(
+        dynamics,
+        rig.cell_centre(record.counts),
+        law_torque(record, run),
+        rig,
+        filtering_of(rig, band),
+        unknown,
+        extra,
+        record.valid,
+    )
+
+
+def _fitted(dynamics, record, unknown, run, columns, deviations, bands):
+    """Coordinates (r,) [N m] that fit best with their deviations as a prior, and the band used.
+
+    None where no band has equations enough.
+    """
+    names = (*unknown, *(f"state[{i}]" for i in range(len(columns))))
+    fits = []
     for band in bands:
         try:
-            system = regressor_and_torque(
-                dynamics,
-                rig.cell_centre(record.counts),
-                torque,
-                rig,
-                filtering_of(rig, band),
-                unknown,
-                extra,
-                record.valid,
-            )
-            fit = weighted(dynamics, (*unknown, *extra), [system])
+            system = _equations(dynamics, record, unknown, run, band, columns)
+            fit = weighted(dynamics, names, [system])
         except ValueError:
             # Too few equations in this band, or unknowns that are not separately identifiable.
             continue
         if fit.rows >= ENOUGH * len(fit.names):
             fits.append((fit.relative_error, fit.sigma, system, band))
     if not fits:
-        return np.zeros(len(columns)), bands
+        return None
     _, sigma, best, band = min(fits, key=lambda fit: fit[0])
 
     # Solve the same equations again, with the deviations of the state as a prior. Each equation is
@@ -406,4 +449,4 @@ def _fitted(dynamics, record, unknown, run, columns, deviations, bands):
     expected = np.hstack([np.zeros((len(columns), len(unknown))), np.diag(1 / deviations)])
     rows = np.vstack([best.regressor[best.used] * weight[:, None], expected])
     values = least(rows, np.append(best.torque[best.used] * weight, np.zeros(len(columns))))
-    return values[len(unknown) :], np.array([band])
+    return values[len(unknown) :], band
