@@ -126,6 +126,12 @@ def _require_possible(uncertainty: Uncertainty, rig: Rig) -> None:
             )
         # Gears of unit stiffness stand for any: only their presence is checked.
         rig = with_gears(rig, Elasticity(stiffness=np.ones(rig.n), damping=np.zeros(rig.n)))
+    elif uncertainty.damping_ratio is not None and rig.drive.elasticity is not None:
+        # Elastic gears of the rig have a damping of their own, which is not sampled.
+        raise ValueError(
+            "damping_ratio must be given with a resonance, where the rig has elastic gears; got"
+            f" {spread(uncertainty.damping_ratio)} alone. Give resonance=(lowest, highest) [Hz], too."
+        )
     # The parts themselves refuse values out of their ranges: both ends are tried.
     ranges = uncertainty.imperfections
     for ends in zip(*ranges.values(), strict=True):

@@ -52,7 +52,8 @@ class Uncertainty(Shown, Part):
         all joints alike, or one for each. None for the rig's own gears. It is a range, not a
         distribution: bounds hold for its worst cell of 10 %.
     damping_ratio : float or (2,) array_like, optional
-        Of that resonance, and only with it; 0.01 to 0.03 by default.
+        Of that resonance; 0.01 to 0.03 by default. On rigid gears, of the lowest resonance that the
+        verdict names; 0.01 by default.
     backlash : float or (2,) array_like
         Of each gear, joint side [rad]; the gears must have a `resonance`, here or in the rig.
     lag : float or (2,) array_like
@@ -76,8 +77,7 @@ class Uncertainty(Shown, Part):
     Raises
     ------
     ValueError
-        Ranges whose ends are not in order; a load without its place, or a damping ratio without a
-        resonance.
+        Ranges whose ends are not in order; a load without its place.
 
     See Also
     --------
@@ -152,12 +152,6 @@ class Uncertainty(Shown, Part):
         values["damping_ratio"] = damping
         # The higher end decides: an overdamped gear has no resonance to be stated.
         require_swinging(max(values["damping_ratio"] or (0.0,)))
-        # Gears of the rig have a damping of their own, which is not sampled.
-        if damping is not None and self.resonance is None:
-            raise ValueError(
-                f"damping_ratio must be given with a resonance; got {spread(damping)} alone. Give"
-                " resonance=(lowest, highest) [Hz], too."
-            )
         # The part is frozen, and has checked its own values.
         for name, value in values.items():
             object.__setattr__(self, name, value)

@@ -282,6 +282,16 @@ def test_elastic_gears_are_no_rigid_ones():
         lowest(ARM, on_gears(60, 0.02), LAW, PATH)
 
 
+def test_a_damping_ratio_that_nothing_uses_is_refused():
+    """Rigid gears use it for the lowest resonance; elastic gears of the rig have their own."""
+    assert with_uncertainty(**SHORT, damping_ratio=0.03)["uncertainty"].damping_ratio == (
+        0.03,
+        0.03,
+    )
+    with pytest.raises(ValueError, match="damping_ratio must be given with a resonance"):
+        certify(ARM, on_gears(60, 0.02), LAW, PATH, **with_uncertainty(**SHORT, damping_ratio=0.03))
+
+
 @pytest.mark.parametrize(("call", "message"), [
     (lambda: lowest(ARM, RIG, LAW, PATH, damping_ratio=2), "damping_ratio must be at most 1"),
     (lambda: margins(ARM, RIG, LAW, damping_ratio=2), "damping_ratio must be at most 1, critical damping"),
