@@ -129,7 +129,7 @@ def _require_possible(uncertainty: Uncertainty, rig: Rig) -> None:
     elif uncertainty.damping_ratio is not None and rig.drive.elasticity is not None:
         # Elastic gears of the rig have a damping of their own, which is not sampled.
         raise ValueError(
-            "damping_ratio must be given with a resonance, since this rig's gears have a damping; got"
+            "damping_ratio must be given with a resonance, since the rig's gears have one; got"
             f" {spread(uncertainty.damping_ratio)} alone. Give resonance=(lowest, highest) [Hz]."
         )
     # The parts themselves refuse values out of their ranges: both ends are tried.
