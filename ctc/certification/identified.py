@@ -207,13 +207,15 @@ class Identified:
 
     `arm`: that of the controller; with fits on gears, that of the middle of their range. `names`,
     `values` (k,): of the numbers. `roots` (K, k, k): of the covariance of each of the K fits on
-    gears of the stated resonances, or of the only one without them. `refits`: these fits.
+    gears of the stated resonances, or of the only one without them. `of_rig`: identified numbers of
+    the rig, name -> value, also where given arms replace the distribution. `refits`: these fits.
     """
 
     arm: Arm
     names: tuple[str, ...]
     values: Floats
     roots: Floats
+    of_rig: dict[str, float]
     refits: Refits | None = None
 
     def draw(self, random: Any, places: Floats) -> Floats:
@@ -257,10 +259,15 @@ def identified(
         names = arm.dynamics.names
         values = arm.f
         covariance = None
+    # Numbers of the logged law are no property of the plant.
+    plant = [i for i, name in enumerate(names) if not name.startswith("law.")]
+    of_rig = {names[i]: values[i] for i in plant if names[i] not in arm.dynamics.names}
     # 1. The distribution: stated arms, a stated covariance, fits on gears, or that of the log.
     # Given arms replace the distribution: no number is drawn.
     if uncertainty.plants is not None:
-        return Identified(arm=arm, names=(), values=np.empty(0), roots=np.empty((1, 0, 0)))
+        return Identified(
+            arm=arm, names=(), values=np.empty(0), roots=np.empty((1, 0, 0)), of_rig=of_rig
+        )
     fits = None
     if uncertainty.covariance is not None:
         covariance = np.asarray(uncertainty.covariance)
@@ -291,8 +298,6 @@ def identified(
             " follows its log, or plants=found.candidates."
         )
     # 2. The numbers of it that belong to the plant.
-    # Numbers of the logged law are no property of the plant.
-    plant = [i for i, name in enumerate(names) if not name.startswith("law.")]
     for i in plant:
         # Plants and controller have one rig: a plant cannot have another gear than its controller.
         if names[i].startswith(_KNOWN_TO_LAWS) and (covariances[:, i, i] > 0).any():
@@ -310,10 +315,11 @@ def identified(
         )
         (values,) = fits.centres(np.array([0.5]))
         middle = dict(zip(names, values.tolist(), strict=True))
+        of_rig = {name: middle[name] for name in of_rig}
         f = [middle.get(name, f) for name, f in zip(arm.dynamics.names, arm.f, strict=True)]
         arm = arm.dynamics.arm(f)
     roots = np.array([_root(covariance, plant) for covariance in covariances])
-    return Identified(arm=arm, names=names, values=values, refits=fits, roots=roots)
+    return Identified(arm=arm, names=names, values=values, refits=fits, roots=roots, of_rig=of_rig)
 
 
 def _root(covariance: Floats, plant: list[int]) -> Floats:

@@ -42,7 +42,9 @@ _FRICTION = ("drive.viscous", "drive.coulomb")
 
 # Numbers of a rig that are negative in no machine.
 _NOT_NEGATIVE = re.compile(
-    r"drive\.(viscous|coulomb|curve\.breakaway|elasticity)|springs(\[\d+\])?\.stiffness"
+    r"drive\.(viscous|coulomb|curve\.(breakaway|speed|saturation|rise)|elasticity|motor_inertia"
+    r"|load_friction|presliding|current_lag|ripple\.amplitude)|encoder\.quadrature\.amplitude"
+    r"|springs(\[\d+\])?\.stiffness"
 )
 
 
@@ -77,9 +79,7 @@ def draw(
     places_random = normals or np.random.default_rng((seed, 2))
     shape = samples, 1 + len(uncertainty.resonance or ())
     places = places_random.uniform(0, 1, shape)
-    identified_values = dict(zip(distribution.names, distribution.values, strict=True))
-    of_rig = {n: v for n, v in identified_values.items() if n not in arm.dynamics.names}
-    rig = _with_identified(rig, of_rig)
+    rig = _with_identified(rig, distribution.of_rig)
     # 2. Draw. The order of the draws is part of the result: it decides all bits of a seed.
     arms = _arms(uncertainty, distribution, rig, random, places)
     nominal, of_hardware, hardware = _hardware(uncertainty, random, rig, samples)
@@ -88,8 +88,9 @@ def draw(
     # 3. Collect the columns of all numbers.
     names = (*arms.names, *of_hardware, *gears.names)
     values = np.hstack([arms.values, hardware, gears.values])
-    # Sensitivities are asked of numbers that differ alone.
-    varying = np.flatnonzero(np.ptp(values, axis=0) > 0)
+    # Sensitivities are asked of numbers that differ alone. A single sample has no other to differ
+    # from, but it differs from the nominal plant.
+    varying = np.flatnonzero((np.ptp(values, axis=0) > 0) | (samples == 1))
     expected = np.zeros_like(values)
     # A sensitivity counts a refitted number by its deviation from the fit at that resonance.
     if distribution.refits is not None:
@@ -158,7 +159,7 @@ def _arms(uncertainty, distribution, rig, random, places):
     samples = len(places)
     stated = None if uncertainty.plants is None else _possible(dynamics, rig, uncertainty.plants)
     direction = _load_direction(uncertainty, dynamics)
-    friction = _friction(uncertainty, rig, distribution.names)
+    friction = _friction(rig, distribution.names) if uncertainty.friction else {}
 
     def drawn(rows):
         """New values of these samples, name -> (count,)."""
@@ -257,10 +258,13 @@ def _hardware(uncertainty, random, rig, samples):
         changes["encoder"] = dataclasses.replace(rig.encoder, phase=Phase(shift=(0.0,) * rig.n))
     # Lost counts, too, are a property of the transport.
     if uncertainty.delay[1] or uncertainty.dropped:
+        own = rig.transport or Transport()
+        # A delay of the rig itself stays unless another is stated.
+        ends = uncertainty.delay if uncertainty.delay[1] else (own.delay, own.delay)
         names.append("transport.delay")
-        values.append(random.uniform(*uncertainty.delay, (samples, 1)))
+        values.append(random.uniform(*ends, (samples, 1)))
         # The rig has the longest delay; each sample has its own number.
-        changes["transport"] = Transport(delay=uncertainty.delay[1])
+        changes["transport"] = dataclasses.replace(own, delay=ends[1])
     return dataclasses.replace(rig, **changes), names, np.hstack(values)
 
 
@@ -271,7 +275,13 @@ def _with_middle(uncertainty, arm, rig, pose):
     middle = np.sqrt(np.prod(uncertainty.resonance, axis=1))
     # The damping is stated on a linear scale, so its middle is the mean.
     damping = np.mean(uncertainty.damping_ratio)
-    return with_gears(rig, Elasticity.from_resonance(arm, middle, damping, drive=rig.drive, q=pose))
+    # The range replaces stiffness and damping; backlash of the rig itself stays.
+    own = rig.drive.elasticity
+    backlash = None if own is None else own.backlash
+    gears = Elasticity.from_resonance(
+        arm, middle, damping, drive=rig.drive, q=pose, backlash=backlash
+    )
+    return with_gears(rig, gears)
 
 
 def _gears(uncertainty, random, arm, rig, f, pose, places):
@@ -304,10 +314,8 @@ def _gears(uncertainty, random, arm, rig, f, pose, places):
     )
 
 
-def _friction(uncertainty, rig, unknown):
+def _friction(rig, unknown):
     """Name -> value of the friction that was not identified."""
-    if not uncertainty.friction > 0:
-        return {}
     # A level of zero has no share to vary by.
     return {
         name: value
@@ -362,7 +370,8 @@ def statement(
     u = uncertainty
     sampled = []
     friction_names = [name for name in distribution.names if name.startswith(_FRICTION)]
-    complete = len(friction_names) == 2 * rig.n
+    left = _friction(rig, distribution.names)
+    complete = bool(friction_names) and not left
     friction = (
         f"friction{' that was not identified' * bool(friction_names)} ±{100 * u.friction:.3g} %"
         " (standard deviation)"
@@ -382,15 +391,16 @@ def statement(
     hz = ", ".join(f"{low:g} to {high:g}" for low, high in pairs)
     alike = "all joints alike" if len(pairs) == 1 else "of each joint"
     gears = f"resonance {hz} Hz ({alike}), damping ratio {spread(u.damping_ratio or (0.0, 0.0))}"
-    # Elastic gears of the rig itself are in all samples, with no spread.
+    # Elastic gears and a delay of the rig itself are in all samples, with no spread.
     stiff = "elasticity" if rig.drive.elasticity is None else "resonance (as the rig has it)"
+    late = rig.transport is not None and rig.transport.delay > 0
     # Rows: whether it is sampled, its words if so, and its words if not.
     rows = [
         (u.resonance is not None, gears, stiff),
-        (complete or u.friction > 0, friction, "friction"),
+        (complete or (bool(left) and u.friction > 0), friction, "friction"),
         (u.load[1] > 0, f"load {spread(u.load)} kg", "load"),
         (u.phase, "encoder zeros", "encoder zeros"),
-        (u.delay[1] > 0, f"delay {spread(u.delay)} s", "delay"),
+        (u.delay[1] > 0, f"delay {spread(u.delay)} s", f"delay{' (as the rig has it)' * late}"),
         (u.dropped > 0, f"lost counts {100 * u.dropped:g} %", "lost counts"),
     ]
     for name, row in IMPERFECTIONS.items():

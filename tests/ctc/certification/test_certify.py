@@ -20,16 +20,18 @@ from uncertain import with_uncertainty
 
 import ctc.certification.reserves
 from ctc import ComputedTorque, Uncertainty, certify, evaluate
-from ctc.certification import clopper_pearson, draw, influences, percent
+from ctc.certification import cells, clopper_pearson, draw, influences, percent
 from identification import identify
 from plant import (
     PD,
     Body,
     Elasticity,
+    FrictionCurve,
     Harmonics,
     P,
     Phase,
     PointToPoint,
+    Presliding,
     SteppedArm,
     Transport,
     puma560,
@@ -384,6 +386,101 @@ def test_other_imperfections_are_left_as_the_rig_has_them():
     plants = draw(Uncertainty(covariance=COVARIANCE, phase=False), ARM, rig, 5, 0)
     assert plants.rig == rig
     assert plants.plant(3, LANES, 10)[1].transport == rig.transport
+
+
+@pytest.mark.parametrize(
+    ("stated", "delay"),
+    [({"dropped": 0.02}, {1e-4}), ({"delay": 2e-4}, {2e-4}), ({"phase": False}, {1e-4})],
+)
+def test_a_delay_of_the_rig_stays_until_another_is_stated(stated, delay):
+    """Stated losses of counts once took the rig's own delay away."""
+    rig = dataclasses.replace(RIG, transport=Transport(delay=1e-4, lost=(3,)))
+    plants = draw(Uncertainty(covariance=COVARIANCE, **stated), ARM, rig, 5, 0)
+    assert {plants.plant(i, LANES, 10)[1].transport.delay for i in range(5)} == delay
+    assert plants.rig.transport.lost == (3,)
+    assert ("delay (as the rig has it)" in plants.said[1]) == ("delay" not in stated)
+
+
+def test_backlash_of_the_rig_stays_on_gears_of_a_stated_resonance():
+    gears = Elasticity.from_resonance(ARM, 60, 0.02, drive=RIG.drive, backlash=1e-4)
+    rig = dataclasses.replace(RIG, drive=dataclasses.replace(RIG.drive, elasticity=gears))
+    stated = {"covariance": COVARIANCE, "resonance": (40, 80)}
+    plants = draw(Uncertainty(**stated), ARM, rig, 5, 0)
+    assert (plants.plant(3, LANES, 10)[1].drive.elasticity.backlash == 1e-4).all()
+    other = draw(Uncertainty(**stated, backlash=2e-4), ARM, rig, 5, 0)
+    assert (other.plant(3, LANES, 10)[1].drive.elasticity.backlash == 2e-4).all()
+
+
+def test_a_single_sample_differs_from_the_nominal_plant():
+    """Numbers of one sample do not vary among the samples, and once were those of the rig."""
+    stated = Uncertainty(covariance=COVARIANCE, resonance=(60, 400), **EVERYTHING)
+    one, two = (draw(stated, ARM, RIG, count, 0) for count in (1, 2))
+    assert one.names == two.names
+    rig = one.plant(0, LANES, 10)[1]
+    assert (rig.drive.coulomb != RIG.drive.coulomb).all()
+    assert all(rig.encoder.phase.shift)
+    hz = one.values[0, one.names.index("resonance")]
+    (cell,) = (x for x in cells(stated, one.names, one.values, np.ones(1, bool)) if x.count)
+    assert cell.hz[0] <= hz <= cell.hz[1]
+
+
+@pytest.mark.parametrize(
+    ("viscous", "friction", "sampled"),
+    [((0, 0), 0.1, False), ((0, 0.001), 0.1, True), ((0, 0.001), 0.0, False)],
+)
+def test_friction_of_zero_is_not_said_to_be_sampled(viscous, friction, sampled):
+    drive = dataclasses.replace(RIG.drive, viscous=viscous, coulomb=(0, 0))
+    rig = dataclasses.replace(RIG, drive=drive)
+    plants = draw(Uncertainty(covariance=COVARIANCE, friction=friction), ARM, rig, 5, 0)
+    assert ("drive.viscous[1]" in plants.names) == sampled
+    assert ("friction" in plants.said[1]) == (not sampled)
+    assert ("friction ±10 % (standard deviation)" in plants.said[0]) == sampled
+
+
+def beside(found, names, values, spreads):
+    """The identification as if it had found these numbers of the rig besides."""
+    covariance = np.pad(found.covariance, (0, len(names)))
+    covariance[-len(names) :, -len(names) :] = np.diag(np.square(spreads))
+    fit = dataclasses.replace(
+        found.fit,
+        unknown=(*found.fit.unknown, *names),
+        values=np.append(found.fit.values, values),
+        covariance=covariance,
+    )
+    return dataclasses.replace(found, fit=fit)
+
+
+def test_given_arms_have_the_rig_that_was_identified(found):
+    more = beside(found, ("drive.coulomb[1]", "law.gain[0]"), (0.3, 9.0), (0.01, 1.0))
+    plants = draw(Uncertainty(plants=[ARM.f], friction=0.0), more, RIG, 5, 0)
+    np.testing.assert_array_equal(plants.rig.drive.coulomb, (RIG.drive.coulomb[0], 0.3))
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "drive.motor_inertia[0]",
+        "drive.load_friction.share[1]",
+        "drive.presliding.distance[0]",
+        "drive.current_lag.time",
+        "drive.curve.speed[1]",
+    ],
+)
+def test_no_sample_has_a_number_that_no_machine_has(found, name):
+    """Each drawn rig can be built: `Certificate.worst` once failed at a negative number."""
+    drive = dataclasses.replace(
+        RIG.drive,
+        load_friction=(0.02, 0.02),
+        current_lag=2e-4,
+        presliding=Presliding(distance=(0.02, 0.02)),
+        curve=FrictionCurve(offset=(0, 0), breakaway=(0.2, 0.2), speed=(5.0, 5.0)),
+    )
+    rig = dataclasses.replace(RIG, drive=drive)
+    level = rig.numbers()[name]
+    plants = draw(Uncertainty(), beside(found, (name,), level, (0.5 * level,)), rig, 200, 0)
+    column = plants.values[:, plants.names.index(name)]
+    assert (column >= 0).all()
+    assert plants.plant(int(column.argmin()), LANES, 10)[1].numbers()[name] == column.min()
 
 
 # -- what is said about it -----------------------------------------------------------------------
