@@ -7,6 +7,7 @@ the uncertainty (`ctc.certification.uncertainty`), simulates each under the cont
 """
 
 import dataclasses
+import math
 import time
 from collections.abc import Mapping
 from pathlib import Path
@@ -88,7 +89,7 @@ class Task:
         self.motions = dict[str, tuple[Reference, float]]()
         for name, motion in motions.items():
             with naming(name):  # errors name the motion
-                self.motions[name] = motion, _seconds(motion, duration, after)
+                self.motions[name] = motion, _seconds(motion, duration, after, rig.period)
 
         # 3. The uncertainty. The integration steps must be short enough to follow its resonance.
         self.uncertainty = Uncertainty() if uncertainty is None else uncertainty
@@ -140,16 +141,22 @@ class Task:
         )
 
 
-def _seconds(motion: Reference, duration: float | None, after: float | None) -> float:
-    """Checked duration [s] of a motion, which must exceed `after`."""
+def _seconds(
+    motion: Reference, duration: float | None, after: float | None, period: float
+) -> float:
+    """Checked duration [s] of a motion, in which a sample must follow `after`."""
     seconds = motion.duration if duration is None else duration
     advice = "Leave it out for one period of the reference."
     # A user's own reference may have a wrong duration, too.
     seconds = real("duration", seconds, advice, positive=True)
-    if after is not None and not 0 <= real("after", after, "Give seconds, or 0.") < seconds:
-        raise ValueError(
-            f"after must be from 0 to below the duration {seconds:g} s; got {after:g}. Give less."
-        )
+    # Where no sample counts, none exceeds the limit. The margin is that of `Population`.
+    last = (math.ceil(seconds / period - 1e-9) - 1) * period
+    if after is not None:
+        begins = real("after", after, "Give seconds, or 0.")
+        if not 0 <= begins <= last + 1e-9 * period:
+            raise ValueError(
+                f"after must be from 0 to {last:g} s, the last sample; got {after:g}. Give less."
+            )
     return seconds
 
 
@@ -262,9 +269,10 @@ def certify(
     rare : float, optional
         Probability, such as 1e-6, down to which subset simulation estimates the probability that
         the error before rounding exceeds the limit. ``certificate.rare`` holds the estimate with
-        its coefficient of variation. Where the counts exceed the limit, so does this error. The
-        simulation ends early where failures are more frequent. With several motions it counts a
-        failure in any of them.
+        its coefficient of variation. Where the counts exceed the limit, so does this error, unless
+        the encoder has a `quadrature` error, with which `rare` is refused. The simulation ends
+        early where failures are more frequent. With several motions it counts a failure in any of
+        them.
     executor : optional
         Executor that simulates the samples, as of `campaign`, in place of `threads`, to the same
         bits. It takes no checkpoint.
@@ -411,3 +419,9 @@ def _require_probabilities(task: Task, confidence: float, rare: float | None) ->
             f"rare must be between 0 and 1; got {rare:g}. Give a probability, such as 1e-6."
         )
     require_numbers(task.uncertainty)
+    # An error within the encoder's period is none before rounding, but it shifts the counts.
+    if task.rig.encoder.quadrature is not None or any(task.uncertainty.quadrature):
+        raise ValueError(
+            "rare needs an encoder without an error within its period: with one, counts exceed the"
+            " limit where the error before rounding does not. Leave out rare or quadrature."
+        )

@@ -276,8 +276,12 @@ def shown_set(certificates: Any) -> Iterator[Piece]:
         return
     on_gears = [certificate for certificate in certificates.values() if certificate.on_gears]
     if on_gears:
-        # All motions must hold: the one that needs the stiffest gears decides, as far as is known.
-        hardest = max(on_gears, key=lambda x: np.nan_to_num(x.on_gears.hz, nan=0.0, posinf=np.inf))
+        # All motions must hold: the one that needs the stiffest gears decides. Only a failure on
+        # rigid gears decides before one that is unknown.
+        unknown = np.finfo(float).max
+        hardest = max(
+            on_gears, key=lambda x: np.nan_to_num(x.on_gears.hz, nan=unknown, posinf=np.inf)
+        )
         unseen = _unseen(hardest, hardest.on_gears.hz)
         yield f"rigid gears assumed; the nominal arm, in all motions, {hardest.on_gears}.{unseen}"
 

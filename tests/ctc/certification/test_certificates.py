@@ -22,6 +22,7 @@ from ctc import (
 )  # fmt: skip
 from ctc.certification import Certificates, clopper_pearson, percent
 from ctc.tuning import SearchSettings, families
+from ctc.verdict import LowestResonance
 from plant import PD, PointToPoint, puma560, simulate
 from plant.simulation import Runs
 
@@ -232,6 +233,17 @@ def test_a_set_from_a_hold_is_each_from_a_hold():
     assert "from a hold" not in both.verdict
 
 
+def test_gears_that_are_unknown_in_one_motion_are_so_in_all():
+    """A known resonance of another motion once was said to be that of all."""
+    both = certified({"move": PATHS["move"], "mine": PATH}, samples=2, friction=0.0)
+    for name, hz, reason in (("move", 40.0, ""), ("mine", np.nan, "heavy motors")):
+        gears = LowestResonance(hz=hz, damping_ratio=0.01, within=1, reason=reason)
+        both[name].__dict__["on_gears"] = gears
+    said = " ".join(str(both).split())
+    assert "in all motions, on elastic gears: cannot tell, heavy motors" in said
+    assert "40 Hz" not in said
+
+
 # -- bad input -----------------------------------------------------------------------------------
 FAST = PATHS | {"quick": PointToPoint(start=START, goal=np.add(START, (1, -1)), duration=0.2)}
 CALLS = {
@@ -269,6 +281,6 @@ def test_a_misspelled_motion_knows_the_others(several):
 
 def test_a_motion_shorter_than_what_is_left_out_is_named():
     with pytest.raises(
-        ValueError, match=r"motion 'still': after must be from 0 to below the duration 0\.05 s"
+        ValueError, match=r"motion 'still': after must be from 0 to 0\.0497 s, the last sample"
     ):
         certified(after=0.06, duration=None)

@@ -668,7 +668,8 @@ WRONG = {
     "too late": (lambda: certified(delay=1e-3), "at least its delay"),
     "all lost": (lambda: certified(dropped=1.0), "from 0 to below 1"),
     "fast and lost": (lambda: certified(law=puma560.p_law(), dropped=0.1), "Use a sampled law"),
-    "nothing left": (lambda: certified(after=0.05), "below the duration"),
+    "nothing left": (lambda: certified(after=0.05), "after must be from 0 to 0.0497 s"),
+    "no sample left": (lambda: certified(after=0.0499), "the last sample; got 0.0499"),
     "text for a flag": (
         lambda: certified(phase="yes"),
         "phase of Uncertainty must be of type bool",

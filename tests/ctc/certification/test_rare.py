@@ -2,6 +2,8 @@
 distribution of certify.
 """
 
+import dataclasses
+
 import numpy as np
 import pytest
 from scipy.special import ndtr
@@ -9,7 +11,7 @@ from scipy.stats import ks_2samp
 
 from ctc import ComputedTorque, Uncertainty, certify
 from ctc.certification import Normals, Rare, Task, draw, subset_simulation
-from plant import puma560
+from plant import QuadratureError, puma560
 
 LIMIT = 4.753424308822899  # ndtr(-LIMIT) = 1e-6
 STATED = Uncertainty(
@@ -182,6 +184,23 @@ def test_what_is_drawn_at_every_instant_is_refused(monkeypatch):
     ):
         with pytest.raises(ValueError, match=said):
             certify(arm, rig, law, puma560.reference(), uncertainty, rare=rare, **options)
+
+
+@pytest.mark.parametrize("own", [False, True], ids=["stated", "of the rig"])
+def test_an_error_within_a_period_is_none_before_rounding(monkeypatch, own):
+    """By it counts exceed the limit where the error before rounding does not."""
+    arm, rig, path = puma560.arm(), puma560.rig(), puma560.reference()
+    law = ComputedTorque(arm, rig, bandwidth=62)
+    stated = dataclasses.replace(STATED, quadrature=0.0 if own else 0.4)
+    if own:
+        error = QuadratureError(amplitude=(0.4, 0.4), phase=(0, 0))
+        rig = dataclasses.replace(rig, encoder=dataclasses.replace(rig.encoder, quadrature=error))
+    options = {"duration": 0.05, "steps_per_sample": 4, "progress": False}
+    runs = certify(arm, rig, law, path, stated, samples=64, **options).runs
+    assert ((runs.peak.max(axis=1) > 1) & (runs.unrounded.max(axis=1) <= 1)).any()
+    monkeypatch.delattr(Task, "sampled")
+    with pytest.raises(ValueError, match="rare needs an encoder without an error within"):
+        certify(arm, rig, law, path, stated, samples=2, rare=1e-3, **options)
 
 
 def test_a_stuck_simulation_names_the_highest_level_that_it_reached():
