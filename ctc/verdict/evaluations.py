@@ -283,17 +283,15 @@ class Comparison(Shown):
 
     def _shown(self) -> Iterator[Piece]:
         inside = {name: e for name, e in self.evaluations.items() if e.within(1)}
-        # A start from rest matters only for those that hold in motion.
-        from_rest = {
-            name: str(e.from_rest) for name, e in inside.items() if e.from_rest is not None
-        }
+        # How a machine would begin matters only for those that hold in motion.
+        reasons = {name: e.reasons[0] for name, e in inside.items() if e.reasons}
         # Those that diverged count among all, since they were asked to hold as well.
         count = len(self.evaluations) + len(self.diverged)
         names = f": {', '.join(inside)}" if inside else ""
         verdict = f"{len(inside)} of {count} controllers within ±1 pulse at every sample{names}"
-        # It is positive if one of them holds also from rest.
-        yield Verdict(verdict, len(inside) > len(from_rest))
-        yield from overview("law", self.evaluations, self.diverged | from_rest)
+        # It is positive if a machine would begin as one of them did.
+        yield Verdict(verdict, len(inside) > len(reasons))
+        yield from overview("law", self.evaluations, self.diverged | reasons)
 
 
 @known_options
@@ -340,8 +338,9 @@ def compare(
     >>> list(compare(arm, rig, laws, puma560.reference(), duration=0.3).evaluations)
     ['P', 'computed torque']
     """
-    # A wrong law is refused before the first run.
+    # A wrong law is refused before the first run, and so is a set of motions.
     require_laws(laws)
+    instance("reference", reference, Reference, "Give one motion; evaluate takes several.")
     # In the order given, which is that of the rows and the colours.
     evaluations = {}
     diverged = {}

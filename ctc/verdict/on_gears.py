@@ -230,8 +230,13 @@ def lowest_resonance(
     def fails(hz: Any) -> Any:
         return runs(hz).outside > 0
 
+    rigid = runs([RIGID])
+    # Where no sample counts, none exceeds the limit on any gears.
+    if not rigid.samples:
+        reason = f"the run ends within the first {after:g} s, which do not count"
+        return LowestResonance(hz=np.nan, damping_ratio=ratio, within=within, reason=reason)
     # A loop that fails on rigid gears fails for another reason than elasticity.
-    if fails([RIGID])[0]:
+    if rigid.outside[0]:
         return LowestResonance.none(ratio, within)
     # A kernel runs LANES loops at once: other numbers of resonances would leave lanes idle.
     return LowestResonance(hz=above(fails, 2 * LANES), damping_ratio=ratio, within=within)
@@ -267,16 +272,17 @@ class FromRest:
 
     `begins`: the fastest joint and its speed. `peak`: largest encoder error [pulses]. `back`: time
     from which on the arm is within the limit [s]; NaN where it is not within the simulated time.
-    `within`: the limit [pulses].
+    `within`: the limit [pulses]. `simulated`: that time [s].
     """
 
     begins: str
     peak: float
     back: float
     within: float
+    simulated: float
 
     def __str__(self) -> str:
-        until = f"not within ±{self.within:g} pulse after {_RECOVERY:g} s"
+        until = f"not within ±{self.within:g} pulse after {self.simulated:g} s"
         if np.isfinite(self.back):
             until = f"within ±{self.within:g} pulse from {self.back:.2g} s on"
         result = "diverges"
@@ -316,14 +322,16 @@ def from_rest(
         "initial": start,
         "backend": "casadi",
     }
+    # `_RECOVERY` is all the time that a verdict needs.
+    simulated = min(duration, _RECOVERY)
+    found = functools.partial(FromRest, begins=begins, within=within, simulated=simulated)
     with warnings.catch_warnings():
         # Warnings about rig and path were given with the run itself.
         warnings.simplefilter("ignore")
         try:
-            # `_RECOVERY` is all the time that a verdict needs.
-            record = run(arm, rig, law, reference, min(duration, _RECOVERY), **settings).record
+            record = run(arm, rig, law, reference, simulated, **settings).record
         except DivergenceError:
-            return FromRest(begins=begins, peak=np.inf, back=np.nan, within=within)
+            return found(peak=np.inf, back=np.nan)
     # The arm lags behind its reference first; it is back when it stays within the limit.
     error = np.abs(record.error_pulses).max(axis=1)
     # A machine that begins at rest holds as well: nothing to report.
@@ -332,4 +340,4 @@ def from_rest(
     outside = np.flatnonzero(error > within)
     # An error at the last sample leaves no time from which on it is back.
     back = np.nan if outside[-1] == len(error) - 1 else float(record.t[outside[-1] + 1])
-    return FromRest(begins=begins, peak=float(error.max()), back=back, within=within)
+    return found(peak=float(error.max()), back=back)

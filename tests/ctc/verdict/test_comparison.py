@@ -147,6 +147,7 @@ def test_the_figure_draws_every_error(count):
         (lambda: compare(RIG, ARM, LAWS, PATH), "arm must be of type Arm"),
         (lambda: compare(ARM, RIG, LAWS, PATH, backend="nunba"), "Did you mean 'numba'"),
         (lambda: compare(ARM, RIG, LAWS, PATH, durations=1), "Did you mean 'duration'"),
+        (lambda: compare(ARM, RIG, LAWS, {"a": PATH}), "reference must be of type Reference"),
         (lambda: compare(ARM, RIG, LAWS), "missing a required argument: 'reference'"),
     ],
 )

@@ -59,7 +59,8 @@ def test_an_arm_that_stands_on_a_moving_path_is_simulated():
     assert 'class="verdict bad"' in moving._repr_html_()
     short = evaluate(ARM, RIG, LAW, UNDER_WAY, duration=0.02)
     assert np.isnan(short.from_rest.back)
-    assert "not within ±1 pulse" in str(short.from_rest)
+    assert short.from_rest.simulated == pytest.approx(len(short.record) * RIG.period)
+    assert f"after {short.from_rest.simulated:g} s" in str(short.from_rest)
 
 
 @pytest.mark.parametrize("options", [{}, {"reference": UNDER_WAY, "initial": "rest"}])
@@ -94,6 +95,18 @@ def test_a_certificate_says_it_in_its_verdict(certified):
     assert "in motion" not in certified(PATH).verdict
 
 
+# -- a run that ends before it counts on elastic gears ---------------------------------------------
+@pytest.mark.parametrize("duration", [0.015, 0.02])
+def test_gears_of_a_run_without_a_sample_that_counts_are_unknown(duration):
+    """Such a run once stayed within ±1 pulse at any resonance."""
+    evaluation = evaluate(ARM, RIG, LAW, PATH, duration=duration, backend="numba")
+    assert np.isnan(evaluation.lowest_resonance)
+    assert "cannot tell" in str(evaluation.on_gears)
+    stated = Uncertainty(plants=[ARM.f])
+    certificate = certify(ARM, RIG, LAW, PATH, stated, samples=2, duration=duration, progress=False)
+    assert np.isnan(certificate.lowest_resonance)
+
+
 # -- a law that cannot start ---------------------------------------------------------------------
 @pytest.mark.parametrize("bandwidth", [15, 150])
 def test_what_start_refuses_is_said(bandwidth):
@@ -107,6 +120,12 @@ def test_what_start_refuses_is_said(bandwidth):
         said = f"`start` refuses this controller: {error}"
     assert (said is None) == (bandwidth == 15)
     assert evaluation.refused == said
+    # Until it has swung up it is within ±1 pulse: its comparison is not positive for that.
+    early = compare(ARM, rig, {"mine": law}, PATH, duration=0.005)
+    assert early.evaluations["mine"].within(1)
+    verdict = "bad" if said else "good"
+    assert f'class="verdict {verdict}"' in early._repr_html_()
+    assert ("mine: `start` refuses this controller" in str(early)) == (said is not None)
     assert evaluate(ARM, RIG, P(gain=(0.11, 0.17)), PATH, duration=0.05).refused is None
 
 
