@@ -81,7 +81,7 @@ def draw(
     places = places_random.uniform(0, 1, shape)
     rig = _with_identified(rig, distribution.of_rig)
     # 2. Draw. The order of the draws is part of the result: it decides all bits of a seed.
-    arms = _arms(uncertainty, distribution, rig, random, places)
+    arms = _arms(uncertainty, distribution, rig, pose, random, places)
     nominal, of_hardware, hardware = _hardware(uncertainty, random, rig, samples)
     rig = placed_in(_with_middle(uncertainty, arm, nominal, pose), uncertainty.imperfections)
     gears = _gears(uncertainty, random, arm, rig, arms.f, pose, places)
@@ -153,7 +153,7 @@ class _Arms(NamedTuple):
     moved: Bools
 
 
-def _arms(uncertainty, distribution, rig, random, places):
+def _arms(uncertainty, distribution, rig, pose, random, places):
     """`_Arms` whose resonances are at these places (P, m + 1) of their ranges."""
     dynamics = distribution.arm.dynamics
     samples = len(places)
@@ -186,6 +186,9 @@ def _arms(uncertainty, distribution, rig, random, places):
         sound = least_inertia_margin(dynamics, rig, f) >= 0
         for name in values:
             sound &= not _NOT_NEGATIVE.match(name) or values[name] >= 0
+        # No gear has a resonance with links that have no inertia.
+        if uncertainty.resonance is not None:
+            sound &= (_links(dynamics, rig, pose, f) > 0).all(axis=1)
         return f, sound
 
     redraws = np.zeros(samples, np.intp)
@@ -217,8 +220,8 @@ def _arms(uncertainty, distribution, rig, random, places):
         # Not even the identified arm is one: nothing is left to move towards.
         if moved.any() and not sound.all():
             reason = (
-                f"{redraws.sum()} were not (D(q) indefinite, or negative friction), nor is the one"
-                " identified"
+                f"{redraws.sum()} were not (D(q) indefinite, links without inertia, or negative"
+                " friction), nor is the one identified"
             )
             raise ValueError(
                 f"samples must be arms; {reason}. Give a smaller covariance, or a better"
@@ -300,7 +303,7 @@ def _gears(uncertainty, random, arm, rig, f, pose, places):
     hz = np.exp(low + places[:, :-1] * (high - low))
     ratio = uncertainty.damping_ratio[0] + places[:, -1:] * np.ptp(uncertainty.damping_ratio)
     # Resonances are stated; the stiffness of each sample follows from the inertia of its links.
-    links = product(f, shaft_inertias(arm.dynamics, rig, pose)) - rig.drive.reflected_inertia()
+    links = _links(arm.dynamics, rig, pose, f)
     stiffness_damping = gears(np.broadcast_to(hz, (count, n)), ratio, links)
     names = ["resonance"] if len(low) == 1 else [f"resonance[{i}]" for i in range(n)]
     derived = [
@@ -312,6 +315,11 @@ def _gears(uncertainty, random, arm, rig, f, pose, places):
         derived_names=(*derived, *imperfections.derived_names),
         derived=np.hstack([*stiffness_damping, imperfections.derived]),
     )
+
+
+def _links(dynamics, rig, pose, f):
+    """Inertia (P, n) of the links behind each gear at a pose, without the motors'."""
+    return product(f, shaft_inertias(dynamics, rig, pose)) - rig.drive.reflected_inertia()
 
 
 def _friction(rig, unknown):

@@ -25,13 +25,19 @@ from identification import identify
 from plant import (
     PD,
     Body,
+    Chain,
+    Drive,
+    Dynamics,
     Elasticity,
+    Encoder,
     FrictionCurve,
     Harmonics,
+    Link,
     P,
     Phase,
     PointToPoint,
     Presliding,
+    Rig,
     SteppedArm,
     Transport,
     puma560,
@@ -481,6 +487,28 @@ def test_no_sample_has_a_number_that_no_machine_has(found, name):
     column = plants.values[:, plants.names.index(name)]
     assert (column >= 0).all()
     assert plants.plant(int(column.argmin()), LANES, 10)[1].numbers()[name] == column.min()
+
+
+def test_gears_of_each_sample_carry_links_with_inertia():
+    """Of a wrist the motor is most of the inertia: D of the motor alone has no such gears."""
+    drive = Drive(
+        gear=(100,),
+        motor_inertia=(2e-4,),
+        viscous=(1e-3,),
+        coulomb=(0.1,),
+        motor_gain=(0.2,),
+        current_limit=(20,),
+    )
+    rig = Rig(drive=drive, encoder=Encoder(resolution=(1000,)), period=1e-3)
+    body = Body(mass=1.0, com=(0.2, 0, 0), inertia=(0.02, 0, 0, 0.02, 0, 0.02), rotor=2.0)
+    dynamics = Dynamics.from_chain(Chain(links=(Link(name="one", alpha=np.pi / 2),), bodies=[body]))
+    arm = dynamics.arm(dynamics.f())
+    covariance = np.diag((0.03 * arm.f) ** 2)
+    plants = draw(Uncertainty(covariance=covariance, resonance=(40, 80)), arm, rig, 200, 0)
+    stiffness = plants.derived[:, plants.derived_names.index("drive.elasticity.stiffness[0]")]
+    assert (stiffness > 0).all()
+    assert plants.redrawn > 20
+    assert plants.plant(int(stiffness.argmin()), LANES, 10)[1].drive.elasticity is not None
 
 
 # -- what is said about it -----------------------------------------------------------------------
