@@ -204,7 +204,7 @@ def _arms(uncertainty, distribution, rig, pose, random, places):
         columns = np.column_stack([*values.values()])
         return _Arms(tuple(values), columns[rows], f[rows], redraws, moved)
     # 2. Others in place of those that are no arms, until all are.
-    # Friction that was not identified is nominal at the end of that way.
+    # Friction that was not identified moves towards its nominal level.
     middle = dict(zip(distribution.names, distribution.values, strict=True)) | friction
     while not sound.all():
         rejected = np.flatnonzero(~sound)

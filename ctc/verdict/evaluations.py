@@ -313,7 +313,7 @@ def compare(
     laws : dict of str -> Law
         By name in the table.
     arm, rig, reference, backend, duration, steps_per_sample, initial
-        As of `ctc.evaluate`.
+        As of `ctc.evaluate`, which alone takes several motions.
 
     Returns
     -------
