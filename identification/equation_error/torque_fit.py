@@ -228,7 +228,7 @@ def weighted(
     # are all noise.
     weight = np.ones(len(target)) if weights is None else weights[places.record, joint]
     if prior is not None:
-        weight /= norm(target) / np.sqrt(len(target))
+        weight /= norm(weight * target) / np.sqrt(len(target))
     # Residuals give the weights, and weights the residuals: the first round has equal weights, the
     # second those of its scatter.
     rounds = 2 if weights is None else 1
@@ -248,14 +248,20 @@ def weighted(
         # A joint without a residual, as in a noiseless log, must not have an infinite weight.
         if weights is None:
             weight = 1 / np.maximum(sigma, 1e-9 * np.abs(target).max())[joint]
+        elif prior is not None:
+            # Stated weights lack a factor, which decides how much the prior counts.
+            scatter = norm(weight * residual) / np.sqrt(freedom * len(target))
+            weight /= max(scatter, 1e-9 * np.abs(weight * target).max())
     metric = covariance
 
     # 3. Stated weights need not be the inverse noise: the covariance is White's, with the scatter
-    # of each log and joint.
+    # of each log and joint, and of a prior its own.
     if weights is not None:
         group = places.record * torque.shape[1] + joint
         spread = _deviations(residual, group, weights.size, freedom)
         scores = rows * (weight**2 * spread.reshape(weights.shape)[places.record, joint])[:, None]
+        if prior is not None:
+            scores = np.vstack([scores, prior[0]])
         covariance = covariance @ product(scores.T, scores) @ covariance
     noise = covariance
 

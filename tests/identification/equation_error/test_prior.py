@@ -122,7 +122,9 @@ def problem():
     return dynamics, prior, rows, rows @ (1.2 * prior.mean) + 0.2 * draw.normal(size=400)
 
 
-def test_torque_equation_is_bayesian_regression(problem):
+@pytest.mark.parametrize("weights", [None, 0.01, 1.0, 100.0])
+def test_torque_equation_is_bayesian_regression(problem, weights):
+    """Stated weights are known up to a factor, which must not weigh the prior."""
     dynamics, prior, rows, target = problem
     system = System(
         regressor=rows[:, None],
@@ -132,7 +134,9 @@ def test_torque_equation_is_bayesian_regression(problem):
         period=1.0,
         speed=np.ones((400, 1)),
     )
-    fit = weighted(dynamics, dynamics.names, [system], prior=prior.rows(dynamics.names, {}))
+    stated = None if weights is None else np.full((1, 1), weights)
+    further = prior.rows(dynamics.names, {})
+    fit = weighted(dynamics, dynamics.names, [system], stated, prior=further)
     mean, covariance = posterior(rows, target, fit.sigma[0], prior)
     assert fit.sigma[0] == pytest.approx(0.2, rel=0.1)
     assert fit.values == pytest.approx(mean, rel=1e-4)
