@@ -5,7 +5,7 @@ Read `LoadShape` (the prior), `information` (least squares of a window), `poster
 
 import functools
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Self
 
 import numpy as np
@@ -39,6 +39,9 @@ class PosteriorSettings:
     ----------
     centres : int
         Number of centres of mass along a line.
+    resolved : float
+        Standard deviation of the centre, in distances between neighbouring centres, below which
+        closer ones are taken: their sums no longer stand for integrals.
     masses : int
         Number of masses at which the interval is computed.
     tails : float
@@ -53,6 +56,7 @@ class PosteriorSettings:
 
     # Grids.
     centres: int = 61
+    resolved: float = 0.6
     masses: int = 401
     tails: float = 6.0
     # Limits of use.
@@ -69,12 +73,13 @@ class LoadShape:
 
     `mass` (2,): lowest and highest [kg]. `places` (K, 3): possible centres of mass in the frame of
     the last link's body [m], equally likely; one if known. `inertia` (6,): about the centre, per kg
-    [m^2]; zero for a point mass.
+    [m^2]; zero for a point mass. `spanned`: the `basis`, where it is that of a longer line.
     """
 
     mass: Floats
     places: Floats
     inertia: Floats
+    spanned: Floats | None = None
 
     @classmethod
     def of(
@@ -169,6 +174,8 @@ class LoadShape:
 
         Along a line they are quadratic in the distance, so three points determine all.
         """
+        if self.spanned is not None:
+            return self.spanned
         # The two ends and the middle of the line.
         chosen = [0] if len(self.places) == 1 else [0, len(self.places) // 2, len(self.places) - 1]
         return self.per_kg[chosen]
@@ -177,6 +184,20 @@ class LoadShape:
     def shares(self) -> Floats:
         """Coefficients (K, b) of the basis for each centre."""
         return least(self.basis.T, self.per_kg.T).T
+
+    def resolving(self, odds: Floats) -> Self:
+        """The same with closer centres, if these (K,) are too far apart for their odds."""
+        number = np.arange(len(odds))
+        middle = odds @ number
+        std = np.sqrt(odds @ (number - middle) ** 2)
+        if len(odds) == 1 or std >= POSTERIOR.resolved:
+            return self
+        # One more at each end: the likeliest centre may lie between two of these.
+        reach = POSTERIOR.tails * std + 1
+        ends = np.clip([middle - reach, middle + reach], 0, len(odds) - 1)
+        steps = np.linspace(*ends, POSTERIOR.centres)[:, None]
+        places = self.places[0] + steps * (self.places[1] - self.places[0])
+        return replace(self, places=places, spanned=self.basis)
 
     @property
     def prior(self) -> Floats:
@@ -330,6 +351,9 @@ def posterior(
     log_odds = pull**2 / weight / 2 + np.log(sigma) + inside
     odds = np.exp(log_odds - log_odds.max())
     odds /= odds.sum()
+    closer = shape.resolving(odds)
+    if closer is not shape:
+        return posterior(closer, matrix, vector, square, rows, misfit_limit)
     mass = float(odds @ mean)
     std = float(np.sqrt(odds @ (variance + (mean - mass) ** 2)))
     # If the mass is zero, the mean moments do not determine the centre: take the likeliest one.
@@ -443,6 +467,8 @@ def _interval(
     The mixture is negligible outside `ends`. The interval may end at a bound of the range.
     """
     grid = np.linspace(*ends, POSTERIOR.masses)[:, None]
+    # The grid would miss a distribution that is narrower than its steps.
+    sigma = np.maximum(sigma, grid[1] - grid[0])
     log_density = -(((grid - centre) / sigma) ** 2) / 2 - np.log(sigma) - inside
     # Logarithms first: narrow distributions would overflow as densities.
     density = np.exp(log_density - log_density.max()) @ odds

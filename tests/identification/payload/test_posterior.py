@@ -5,7 +5,7 @@ import pytest
 from scipy.integrate import quad
 
 from identification.payload import LoadShape, information, judged, posterior
-from plant import puma560
+from plant import Body, puma560
 
 
 def shape(position=(0.0, -0.4, 0.0), mass=(0, 5), **line):
@@ -118,3 +118,23 @@ def test_the_line_is_the_axis_of_the_last_link():
     line = shape(position=None)
     np.testing.assert_allclose(line.places[[0, -1]], [[0, -0.2, 0], [0, -0.5, 0]])
     np.testing.assert_allclose(line.shares @ line.basis, line.per_kg, atol=1e-12)
+
+
+@pytest.mark.parametrize("joints", [[0, 1], [1]])
+@pytest.mark.parametrize("noise", [1e-2, 1e-4])
+def test_an_exact_window_resolves_a_centre_along_a_line(joints, noise):
+    """Resting, joint 2 feels mass times distance alone, and both joints feel the distance, too."""
+    random = np.random.default_rng(3)
+    arm, line = puma560.arm(), shape(position=None)
+    poses = random.uniform(-2, 2, (100, 2))
+    columns = arm.dynamics.load_matrix()
+    rows = np.vstack([arm.dynamics.Y(q, (0, 0), (0, 0)).full()[joints] @ columns for q in poses])
+    inside = []
+    for mass, distance in random.uniform((0.4, 0.25), (1.2, 0.45), (40, 2)):
+        load = Body(mass=mass, com=(0, -distance, 0)).standard_parameters
+        torque = rows @ load / noise + random.normal(size=len(rows))
+        statistics = information(rows @ line.basis.T / noise, np.zeros((len(rows), 0)), torque)
+        got = posterior(line, *statistics, len(rows))
+        assert got.sufficient
+        inside.append(got.interval[0] <= mass <= got.interval[1])
+    assert np.mean(inside) >= 0.85
