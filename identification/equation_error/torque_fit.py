@@ -9,7 +9,7 @@ and decimation).
 """
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import field
+from dataclasses import field, replace
 from typing import Any
 
 import numpy as np
@@ -318,8 +318,9 @@ def _by_segments(
 
     `columns` (m, k) and `remaining` (m,): the weighted equations and what is left of them.
     """
+    # A log without an equation is no run.
+    heard, runs = np.unique(places.record, return_inverse=True)
     # Several segments per log; equations of one segment may correlate.
-    runs = places.record
     blocks = places.segments(seconds, SEGMENTS * len(seconds))[0]
     # Numbered without gaps: a segment may have no equation.
     blocks = np.unique(blocks, return_inverse=True)[1]
@@ -329,9 +330,12 @@ def _by_segments(
         remaining = np.append(remaining, prior[1] - product(prior[0], values))
         none = np.full(len(prior[1]), -1)
         runs, blocks = np.append(runs, none), np.append(blocks, none)
-    if len(seconds) > 1:
-        return between_runs(names, values, covariance, columns, remaining, runs, blocks)
-    return None, at_least(covariance, group_std(columns, remaining, blocks))
+    if len(heard) == 1:
+        return None, at_least(covariance, group_std(columns, remaining, blocks))
+    between, covariance = between_runs(names, values, covariance, columns, remaining, runs, blocks)
+    each = np.full((2, len(seconds), len(values)), np.nan)
+    each[:, heard] = between.values, between.std
+    return replace(between, values=each[0], std=each[1]), covariance
 
 
 def _deviations(residual: Floats, group: Integers, groups: int, freedom: float) -> Floats:

@@ -173,6 +173,37 @@ def test_segments_without_an_equation_are_no_groups(monkeypatch):
     assert groups
 
 
+@pytest.mark.parametrize("heard", [(0,), (0, 1), (0, 2), (1, 2)])
+def test_a_log_without_an_equation_is_no_run(heard):
+    """It would count as one that agrees with all others, and narrow their intervals."""
+    random = np.random.default_rng(4)
+    systems = []
+    for log in range(3):
+        rows = np.ones((200, 1, 1))
+        torque = 5 + log + random.normal(size=(200, 1))
+        used = np.full(torque.shape, log in heard)
+        systems.append(
+            System(
+                regressor=rows,
+                torque=torque,
+                used=used,
+                sample=np.arange(200),
+                period=0.1,
+                speed=torque,
+            )
+        )
+    dynamics, names, seconds = puma560.dynamics(), ("f1",), np.full(3, 20.0)
+    fit = torque_fit.weighted(dynamics, names, systems, seconds=seconds)
+    alone = [systems[log] for log in heard]
+    expected = torque_fit.weighted(dynamics, names, alone, seconds=seconds[: len(alone)])
+    if expected.between is None:
+        assert fit.between is None
+        return
+    np.testing.assert_allclose(fit.covariance, expected.covariance)
+    np.testing.assert_allclose(fit.between.values[list(heard)], expected.between.values)
+    assert np.isnan(fit.between.std).sum() == 1
+
+
 @pytest.mark.slow
 def test_standard_deviations_are_those_of_repeated_experiments(made):
     """White torque noise, ten times as large on joint 1: the scatter of 40 fits is what each of
