@@ -58,9 +58,11 @@ def differing(
         apart = restricted(name, estimates[:, at] / size, std[:, at] / size, share)
         groups[name] = np.sqrt(apart)
         deviation[at] = np.sqrt(apart) * size
+        # Runs that determine a value, on average, less one for their mean.
+        of_value = share.sum() / len(at) - 1
         # Correlated values of a group count as fewer: m^2 / sum of squared correlations.
         correlations = product(alike[at], alike[at].T)
-        freedom[at] = (len(std) - 1) * len(at) ** 2 / max((correlations**2).sum(), len(at))
+        freedom[at] = of_value * len(at) ** 2 / max((correlations**2).sum(), len(at))
     return Differing(groups, deviation, freedom)
 
 

@@ -66,6 +66,15 @@ def test_the_covariance_of_a_mean_is_that_of_the_runs():
     assert 5 < found.further < 3 * RUNS + 1
 
 
+def test_runs_that_do_not_tell_a_value_are_no_degrees_of_freedom():
+    """Logs of another joint's motion must not narrow what two logs say."""
+    rows, residual, runs, blocks, _, mean = one_way(2.0, values=1)
+    rows[runs > 1] *= 1e-9
+    found, _ = between_runs(("a",), mean, np.eye(1), rows, residual, runs, blocks)
+    assert np.isfinite(found.std[:, 0]).sum() == 2
+    assert found.freedom == pytest.approx(1.0)
+
+
 def test_runs_that_do_not_differ_agree():
     held = [0, 0]
     for seed in range(40):
