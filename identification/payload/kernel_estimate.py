@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from identification.equation_error import balance
+from identification.equation_error import LINEAR, balance
 from identification.payload.posterior import (
     LoadShape,
     PayloadEstimate,
@@ -292,7 +292,7 @@ def kernel_length(arm: Arm, rig: Rig, shape: LoadShape) -> float:
 
 
 def friction_names(rig: Rig) -> list[str]:
-    """Names of the friction levels that enter the torque equation linearly."""
+    """Names of the levels of viscous and Coulomb friction."""
     return [f"drive.{kind}[{i}]" for kind in ("viscous", "coulomb") for i in range(rig.n)]
 
 
@@ -322,7 +322,8 @@ def uncertainty(
                 " Leave it out, or search on."
             )
         fit = identification.fit
-        linear = [i for i, name in enumerate(fit.unknown) if name in (*names, *friction_names(rig))]
+        linear_names = (*names, *(name for name in rig.number_names() if name.startswith(LINEAR)))
+        linear = [i for i, name in enumerate(fit.unknown) if name in linear_names]
         if identification.arm.dynamics.names != names:
             raise ValueError(
                 "found must be of the law's arm; its f has other names. Pass the one that gave the"

@@ -12,7 +12,7 @@ import pytest
 from ctc import ComputedTorque
 from identification import identify
 from identification.payload import KernelEstimator, LoadShape, Window, uncertainty
-from plant import Body, Elasticity, Harmonics, puma560, simulate
+from plant import Body, Elasticity, FrictionCurve, Harmonics, puma560, simulate
 
 RIG, PATH, N = puma560.rig(), puma560.reference(), 286
 PLACE = (0.0, -0.4, 0.0)
@@ -204,8 +204,10 @@ def test_the_kernel_is_two_periods_of_the_heaviest_load(lightest):
 
 
 def test_the_uncertainty_of_an_identification_is_its_covariance_and_that_of_other_friction():
-    record = simulate(puma560.arm(), RIG, puma560.p_law(), PATH, duration=0.7)
-    names = (*puma560.dynamics().names, "drive.coulomb[0]")
+    curve = FrictionCurve(offset=(0.002, -0.002))
+    rig = dataclasses.replace(RIG, drive=dataclasses.replace(RIG.drive, curve=curve))
+    record = simulate(puma560.arm(), rig, puma560.p_law(), PATH, duration=0.7)
+    names = (*puma560.dynamics().names, "drive.coulomb[0]", "drive.curve.offset[1]")
     found = identify(
         puma560.dynamics(), record, unknown=names, method="output_error", progress=False
     )
@@ -214,11 +216,13 @@ def test_the_uncertainty_of_an_identification_is_its_covariance_and_that_of_othe
     covariance = root @ root.T
     scale = np.sqrt(np.diag(found.covariance))
     np.testing.assert_allclose(
-        covariance[:10, :10] / np.outer(scale, scale), found.fit.correlation, atol=1e-9
+        covariance[:11, :11] / np.outer(scale, scale), found.fit.correlation, atol=1e-9
     )
-    levels = [found.rig.numbers()[name] for name in unknown[10:]]
-    np.testing.assert_allclose(covariance[10:, 10:], np.diag((0.05 * np.array(levels)) ** 2))
-    assert not covariance[:10, 10:].any()
+    levels = [found.rig.numbers()[name] for name in unknown[11:]]
+    np.testing.assert_allclose(covariance[11:, 11:], np.diag((0.05 * np.array(levels)) ** 2))
+    assert not covariance[:11, 11:].any()
+    # The rig of a law may lack the curve.
+    assert names[-1] not in uncertainty(found.arm, RIG, found, 0.05)[0]
     fit = dataclasses.replace(found.fit, covariance=None, fallback_reason="rough")
     with pytest.raises(ValueError, match="found must have a covariance"):
         uncertainty(found.arm, found.rig, dataclasses.replace(found, fit=fit), 0.05)
