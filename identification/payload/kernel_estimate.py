@@ -97,8 +97,8 @@ class KernelSettings:
     Parameters
     ----------
     slow : float
-        Speed that a joint, or the shaft of a coupled motor, must have throughout a kernel [rad/s]:
-        a slower one may stick, and its friction is then unknown.
+        Speed that a joint, or the shaft of a coupled motor, must have throughout a kernel [rad/s,
+        or m/s of a joint that slides]: a slower one may stick, and its friction is then unknown.
     misfit_rigid, misfit_elastic : float
         Misfit above which no load explains a window, on rigid gears, and on elastic ones, which
         oscillate.

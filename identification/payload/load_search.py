@@ -72,9 +72,9 @@ class WithLoad(WithPrior):
         self._gains = sum("correction." in name for name in unknown)
         # Friction with an infinite deviation has no prior; friction with a deviation of 0 is fixed.
         self._priors = np.flatnonzero(np.isfinite(search.deviation) & (search.deviation > 0))
-        # Rounding is the noise until a fit shows more.
         # The fit sees few numbers of a load; the prediction goes on to see all of f.
         residual = Reparametrised(prediction, unknown, self.whole)
+        # Rounding is the noise until a fit shows more.
         super().__init__(residual, self._deviations, len(self._priors), ROUNDING)
 
     def whole(self, values: Floats) -> Floats:

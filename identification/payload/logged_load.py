@@ -8,8 +8,8 @@ The interval includes the errors of the model as far as the logs show them. All 
 freely; its difference from the known f that no load explains gives a chi-square. Of several logs,
 each is also fitted alone, which gives another one. The covariance is multiplied by the larger one
 per degree of freedom (the squared Birge ratio), where that exceeds one. An identified arm has a
-covariance: the load is then the generalised least squares of the difference in f. An `Arm` is
-exact, and then deviations of hundredths of a gram, under sampled laws, are too small.
+covariance: the load is then the generalised least squares of the difference in f. An `Arm` counts
+as exact; under sampled laws, deviations of hundredths of a gram are then too small.
 
 Source: R. T. Birge, The calculation of errors by the method of least squares, Physical Review 40
 (1932).

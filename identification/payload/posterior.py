@@ -370,7 +370,7 @@ def posterior(
     outside = max((centre[likely] - high) / sigma[likely], (low - centre[likely]) / sigma[likely])
     if sufficient and outside > POSTERIOR.outside:
         message = (
-            f"the load is outside its range: {centre[likely]:.2f} kg of {low:g} to {high:g}; the"
+            f"the load is outside its range: {centre[likely]:#.3g} kg of {low:g} to {high:g}; the"
             " nearest is taken"
         )
     if outside > POSTERIOR.outside:

@@ -72,6 +72,8 @@ def test_too_little_says_so():
     assert heavy.sufficient
     assert heavy.mass <= 5
     assert "outside" in heavy.message
+    grams = posterior(shape(mass=(0, 0.01)), np.full((1, 1), 4e6), np.array([5.8e4]), 841.0, 100)
+    assert "0.0145 kg of 0 to 0.01" in grams.message
     assert posterior(shape(), np.array([[100.0]]), np.array([-300.0]), 900.0, 100).mass >= 0
 
 
