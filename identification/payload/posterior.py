@@ -194,8 +194,8 @@ class LoadShape:
             return self
         # One more at each end: the likeliest centre may lie between two of these.
         reach = POSTERIOR.tails * std + 1
-        ends = np.clip([middle - reach, middle + reach], 0, len(odds) - 1)
-        steps = np.linspace(*ends, POSTERIOR.centres)[:, None]
+        first, last = np.clip([middle - reach, middle + reach], 0, len(odds) - 1)
+        steps = np.linspace(first, last, POSTERIOR.centres)[:, None]
         places = self.places[0] + steps * (self.places[1] - self.places[0])
         return replace(self, places=places, spanned=self.basis)
 
