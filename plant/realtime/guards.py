@@ -244,8 +244,7 @@ class Guards:
         torque = drive.torque_limit()
         # A tenth of a turn of the motor, unless inertia and torque tell how far a sample can go.
         jump = turn / 10
-        # Where motors are coupled, several of them hold one joint.
-        friction = drive.coupling.joint_torque(drive.joint_coulomb())
+        friction = _of_all_motors(rig, drive.joint_coulomb())
         if (inertia > 0).all() and np.isfinite(torque).all():
             # D is at least the motors' inertia, so D^-1 at most its inverse: |qdd_i| <= sum_j tau_j
             # / sqrt(J_i J_j).
@@ -257,13 +256,13 @@ class Guards:
             for name, default in (("jump", jump), ("stuck", turn / 40), ("error", turn))
         ]
         # Three times static friction: the band has twice its level, and the rest is a margin.
-        return np.array([*limits, 3 * np.abs(friction)])
+        return np.array([*limits, 3 * friction])
 
     def rest_band(self, rig: Rig) -> Floats:
         """Change of torque (n,) [N m] that leaves a joint at rest."""
-        limit = rig.drive.coupling.joint_torque(rig.drive.torque_limit())
+        limit = _of_all_motors(rig, rig.drive.torque_limit())
         # An infinite limit has no share.
-        floor = np.where(np.isfinite(limit), DEFAULTS.rest_share * np.abs(limit), np.inf)
+        floor = np.where(np.isfinite(limit), DEFAULTS.rest_share * limit, np.inf)
         # `limits` has three times the friction.
         band = DEFAULTS.rest_band / 3 * self.limits(rig)[3]
         # Without a limit of the torque only friction bounds the band; without friction, too, the
@@ -317,6 +316,12 @@ class Guards:
         return array(
             name, value, default.shape, finite=False, advice="Give one number, or one per joint."
         )
+
+
+def _of_all_motors(rig: Rig, levels: Floats) -> Floats:
+    """Largest joint torques (n,) [N m] of levels (n,) [N m] on the shafts, of either sign."""
+    # Where motors are coupled, several of them hold one joint: one row per motor alone.
+    return np.abs(rig.drive.coupling.joint_torque(np.diag(levels))).sum(axis=0)
 
 
 def limited(rig: Rig, torque_limit: ArrayLike | None) -> Rig:

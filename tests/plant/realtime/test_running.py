@@ -4,6 +4,7 @@ stop by themselves.
 What the guards do to an arm is in tests/ctc/laws/test_faults.py.
 """
 
+import dataclasses
 import gc
 import tracemalloc
 
@@ -14,7 +15,8 @@ import pytest
 from closed_loops import Filtered, direct_rig
 from numba.core.runtime import _nrt_python, rtsys
 
-from plant import Guards, Law, PointToPoint, number, part, puma560
+from plant import Coupling, Guards, Law, PointToPoint, number, part, puma560
+from plant.realtime import memory
 
 RIG = puma560.rig()
 LAW = Filtered(gain=(8.0, 6.0), rate=40.0, period=RIG.period)
@@ -348,6 +350,25 @@ def test_the_default_bound_for_jumps_is_what_the_amplifier_can_do():
     (J2, J3), (t2, t3) = 2e-4 * np.array([107.8, 53.7]) ** 2, LIMIT
     added = (t2 / J2 + t3 / np.sqrt(J2 * J3)) * 0.7e-3**2
     assert Guards().limits(RIG)[0, 0] == pytest.approx(8 + 4 * added * 107.8 * 800 / (2 * np.pi))
+
+
+def test_all_motors_hold_a_joint_whatever_the_signs_of_its_coupling():
+    """In a differential both motors bear either joint: their levels add up, also as 1 - 1."""
+    drive = dataclasses.replace(RIG.drive, coupling=Coupling(matrix=((1, 1), (1, -1))))
+    rig = dataclasses.replace(RIG, drive=drive)
+    friction, limit = drive.joint_coulomb().sum(), LIMIT.sum()
+    np.testing.assert_allclose(Guards().limits(rig)[3], 3 * friction)
+    np.testing.assert_allclose(Guards().rest_band(rig), max(2.2 * friction, 0.1 * limit))
+
+
+@pytest.mark.parametrize("periods", [0.25, 5])
+def test_the_bounds_of_a_sample_are_those_of_the_laws_period(periods):
+    """A jump may grow with the square of the period, a speed of two pulses with its inverse."""
+    rig = dataclasses.replace(RIG, period=periods * RIG.period)
+    law = dataclasses.replace(LAW, period=rig.period)
+    joints = memory.view(law.start(RIG, (0, 0)).core.memory, 2, 0).joints
+    np.testing.assert_array_equal(joints["jump"], Guards().limits(rig)[0])
+    np.testing.assert_array_equal(joints["slack"], Guards().slack(rig))
 
 
 # -- what cannot be ------------------------------------------------------------------------------
