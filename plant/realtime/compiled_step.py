@@ -102,8 +102,8 @@ def initial_memory(law: Any, rig: Rig, block: Any, guards: Guards | None) -> Flo
     run.slowest_rhythm, run.fastest_rhythm = guards.rhythm_limits()
     # A bridged late call lasts at most so long; the law is not integrated over more.
     run.longest_step = guards.patience + 1 + guards.late
-    # The samples that the guards see are those of the law.
-    rig = dataclasses.replace(rig, period=run.period)
+    # The samples that the guards see are those of the law, whatever its inner loop does.
+    rig = dataclasses.replace(rig, period=run.period, inner=None)
     limits = (
         *guards.limits(rig),
         *guards.torque_limits(rig),

@@ -1,6 +1,7 @@
 """Guards of a running controller: the signals that they monitor, and the stops that they begin."""
 
 import dataclasses
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -149,20 +150,11 @@ class Guards:
     limits_of: Limits | None = None
 
     def __post_init__(self) -> None:
-        # Limits of a model file fill only the fields that are not set.
         if self.limits_of is not None:
-            limits = instance(
-                "limits_of", self.limits_of, Limits, "Give chain.limits, or position= and speed=."
-            )
-            for name, value in (
-                ("position", (limits.lower, limits.upper)),
-                ("speed", limits.velocity),
-            ):
-                if getattr(self, name) is None:
-                    # The class is frozen, so the value is set past its own refusal.
-                    object.__setattr__(self, name, value)
+            advice = "Give chain.limits, or position= and speed=."
+            instance("limits_of", self.limits_of, Limits, advice)
         for name, advice in _POSITIVE.items():
-            value = getattr(self, name)
+            value = self._stated(name)
             # These two hold for the arm as a whole, the others for each joint.
             single = name in ("rhythm", "braking")
             # None selects a default that depends on the rig (`limits`, `rest_band`) or no limit.
@@ -205,10 +197,11 @@ class Guards:
         # From 1 on, `rhythm_limits` would allow a reference that stands still, and divide by zero.
         if not (self.rhythm < 1 or self.rhythm == np.inf):
             raise ValueError(f"rhythm must be below 1; got {self.rhythm}. np.inf switches it off.")
-        if self.position is not None:
+        position = self._stated("position")
+        if position is not None:
             low, high = array(
                 "position",
-                self.position,
+                position,
                 (2, None),
                 finite=False,
                 advice="Give lowest and highest.",
@@ -275,15 +268,14 @@ class Guards:
         """Lowest, highest position [rad], largest speed [rad/s], torque rate [N m/s]: (4, n)."""
         # An arm without limits of its own moves freely.
         free = np.full(rig.n, np.inf)
-        position = np.array([-free, free])
-        if self.position is not None:
-            position = array(
-                "position",
-                self.position,
-                (2, rig.n),
-                finite=False,
-                advice="Give one of each per joint.",
-            )
+        position = self._stated("position")
+        position = array(
+            "position",
+            [-free, free] if position is None else position,
+            (2, rig.n),
+            finite=False,
+            advice="Give one of each per joint.",
+        )
         return np.array(
             [*position, self._per_joint("speed", free), self._per_joint("torque_rate", free)]
         )
@@ -307,8 +299,17 @@ class Guards:
         # Both limits apply on the shafts, where the amplifiers end.
         return np.array([share * WINDOW, swing * rig.drive.torque_limit()])
 
-    def _per_joint(self, name: str, default: Floats) -> Floats:
+    def _stated(self, name: str) -> Any:
+        """A field; where it is not given, what `limits_of` has in its place."""
         value = getattr(self, name)
+        # Not stored in the field: a copy with other `limits_of` has theirs.
+        if value is None and self.limits_of is not None:
+            limits = self.limits_of
+            value = {"position": (limits.lower, limits.upper), "speed": limits.velocity}.get(name)
+        return value
+
+    def _per_joint(self, name: str, default: Floats) -> Floats:
+        value = self._stated(name)
         if value is None:
             return default
         # One number holds for every joint.

@@ -2,6 +2,7 @@
 cannot be.
 """
 
+import dataclasses
 import threading
 
 import numpy as np
@@ -261,6 +262,10 @@ def test_limits_of_a_model_file_are_guards():
     own = Guards(limits_of=limits, speed=2.0).motion_limits(RIG)
     np.testing.assert_array_equal(own[2], 2.0)
     assert Guards().motion_limits(RIG)[2].tolist() == [np.inf, np.inf]
+    # A copy has the limits of its own file.
+    other = Limits(lower=(-2, -2), upper=(2, 2), velocity=(0.1, 0.2), effort=(50, 50))
+    copy = dataclasses.replace(Guards(limits_of=limits), limits_of=other).motion_limits(RIG)
+    np.testing.assert_array_equal(copy[:3], [[-2, -2], [2, 2], [0.1, 0.2]])
 
 
 def test_a_limit_of_the_torques_rate_is_kept_and_stops_if_it_is_needed_for_long():
@@ -287,6 +292,8 @@ def test_a_limit_of_the_torques_rate_is_kept_and_stops_if_it_is_needed_for_long(
         ({"speed": -1}, "speed must be positive"),
         ({"braking": 0}, "braking must be positive"),
         ({"rest": (1, -1)}, "rest must be positive"),
+        ({"limits_of": Limits(lower=[0], upper=[0], velocity=[1], effort=[1])}, "position must be"),
+        ({"limits_of": Limits(lower=[0], upper=[1], velocity=[0], effort=[1])}, "speed must be"),
     ],
 )
 def test_limits_that_cannot_be_are_refused(options, said):
