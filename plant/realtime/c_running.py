@@ -236,7 +236,8 @@ def values_of(
     layout = Layout.of(block, rig.n)
     vector = initial_memory(law, rig, block, guards)
     if begin is not None:
-        view(vector, rig.n, 0).state[:] = begin
+        parts = view(vector, rig.n, 0)
+        parts.initial[:] = parts.state[:] = begin
     rounding = SINGLE_ROUNDING if target.single else ROUNDING
     pieces = pieces_of(law, rig, block, without, rounding)
     memory = f"{name}_state *memory"

@@ -56,8 +56,8 @@ class Running:
         raises a ValueError.
     friction : (2, n) numpy.ndarray
         Coulomb [N m] and viscous [N m s/rad] friction, motor side, that a learning law has learnt
-        so far. Save it, and give it to the law at the next start. Any other law raises a
-        ValueError.
+        so far. Save it, and give it to the law at the next start. A stop in which the law begins
+        anew returns to the friction of the start. Any other law raises a ValueError.
     """
 
     def __init__(
@@ -290,12 +290,11 @@ class Running:
         return learnt
 
     def begin(self, state: Floats) -> None:
-        """Begin with a state (s,) of the law, to which `reset` returns, too."""
-        self.core.law_state(self.n)[:] = state
-        counts = self.pulses
-        # `reset` returns to this state from now on.
-        self._initial[:] = self._memory
-        self._set(counts)
+        """Start anew in a state (s,) of the law, to which `reset` and a stop return, too."""
+        start = view(self._initial, self.n, 0)
+        # In the first of the two a stop lets the law begin anew.
+        start.initial[:] = start.state[:] = state
+        self._set(self.pulses)
 
     @property
     def stopped(self) -> bool:

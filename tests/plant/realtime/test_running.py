@@ -292,6 +292,27 @@ def test_a_stop_at_the_arm_begins_with_the_law_as_new():
     np.testing.assert_allclose(running.state, following, rtol=1e-9, atol=1e-12)
 
 
+def test_a_stop_at_the_arm_begins_in_the_state_with_which_the_controller_began(tmp_path):
+    """Two like stops, of controllers that began in different states: a step of each state."""
+    torques = []
+    for state in (np.zeros(len(LAW.initial_state(2))), np.full(len(LAW.initial_state(2)), 0.5)):
+        running = LAW.start(RIG, (0, 0))
+        running.step((0, 0), (1.0, 0), ZERO, ZERO)
+        assert running.stopped
+        running.begin(state)
+        assert not running.stopped  # the stop is of the run before
+        parts = memory.view(running.core.memory, 2, 0)
+        np.testing.assert_array_equal(parts.initial, state)
+        running.step((0, 0), (1.0, 0), ZERO, ZERO)
+        torques.append(running.torque)
+        running.reset((0, 0))
+        np.testing.assert_array_equal(running.state, state)
+        assert not running.stopped
+        running.to_c(tmp_path, name="arm")
+        assert (".initial = {0.5" in (tmp_path / "arm.c").read_text()) == state.any()
+    assert (torques[0] != torques[1]).any()
+
+
 def test_what_is_wrong_now_and_then_does_not_add_up():
     """Every third sample is wrong, in turn by a late call, by NaN and by a jump: bridged each,
     thirty of them.
