@@ -306,8 +306,9 @@ Motions Controller::along(const Trajectory & trajectory, std::int64_t now) const
     }
     return motions;
   }
-  const Motions & begun = place > 0 ? trajectory.points[place - 1] : from_;
-  const std::int64_t since = place > 0 ? trajectory.times[place - 1] : since_;
+  const bool joins = place == 0 || trajectory.times[place - 1] < since_;
+  const Motions & begun = joins ? from_ : trajectory.points[place - 1];
+  const std::int64_t since = joins ? since_ : trajectory.times[place - 1];
   const double span = static_cast<double>(*next - since) / static_cast<double>(SECOND);
   const double at = static_cast<double>(now - since) / static_cast<double>(SECOND);
   for (std::size_t i = 0; i < JOINTS; i++) {
@@ -326,7 +327,8 @@ return_type Controller::update_reference_from_subscribers(
     start_ = given->start > 0 ? given->start : time.nanoseconds();
     const auto moves = [](const Motion & motion) {return motion[1] != 0.0 || motion[2] != 0.0;};
     const bool moving = std::any_of(from_.begin(), from_.end(), moves);
-    since_ = moving ? std::min<std::int64_t>(time.nanoseconds() - start_, 0) : 0;  // at rest it waits for the start
+    const std::int64_t now = time.nanoseconds() - start_;
+    since_ = moving ? now : std::max<std::int64_t>(now, 0);  // at rest it waits for the start
   }
   if (given && time.nanoseconds() >= start_ + since_) {
     reference_ = along(*given, time.nanoseconds() - start_);

@@ -198,6 +198,35 @@ def test_a_trajectory_that_begins_later_is_joined_from_the_motion_before_it(cont
 
 
 @needs_cxx
+@pytest.mark.parametrize("moving", [False, True])
+@pytest.mark.parametrize("first", [0.0, 0.3])
+def test_a_trajectory_that_began_before_it_came_is_joined_where_the_reference_is(
+    controller, moving, first
+):
+    """It should be 50 ms on its way: the torque does not leap, and the arm is there in time."""
+    begin = angle(RIG.counts((0.2, -0.3)))
+    start = np.asarray(RIG.cell_centre(RIG.counts((0.2, -0.3)))).ravel()
+    rows = np.zeros((2, 3, 2))
+    rows[:, 0] = start, start + 0.05
+    times = np.array([first, 0.5])
+    controller.begin(begin)
+    robot, torques = SteppedArm(ARM, RIG, (0.2, -0.3)), []
+    for k in range(1000):
+        if k == 0 and moving:
+            controller.send(JOINTS, (0.4,), rows[1:] - [[[0.02], [0], [0]]])
+        if k == 200:
+            stamp = controller.now + 700_000 - 50_000_000
+            # With a first point in the past it is on the way between two points, else before one.
+            assert controller.send(JOINTS, times, rows, stamp=stamp) == ""
+        torques.append(controller.update(angle(robot.pulses))[1])
+        robot.step(torques[-1])
+    leaps = np.abs(np.diff(torques, axis=0)).max(axis=1)
+    assert leaps[199:205].max() < 100
+    assert controller.c.state_value(0) == 0
+    np.testing.assert_allclose(robot.pulses, RIG.counts(start + 0.05), atol=4)
+
+
+@needs_cxx
 def test_counts_that_are_missing_are_bridged_and_then_stop_the_arm_as_in_python(controller):
     path = next(each for name, each in motions().items() if "there and back" in name)
     controller.begin(angle(RIG.counts(path([0.0]).q[0])), chained=True)
