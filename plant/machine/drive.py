@@ -317,6 +317,11 @@ class Drive(Part):
             return self.coupling.joint_torque(np.clip(shaft, -limit, limit))
         return self.coupling.joint_torque(ca.fmin(ca.fmax(shaft, -ca.fabs(limit)), ca.fabs(limit)))
 
+    @property
+    def rounding(self) -> Floats | float:
+        """Largest change of a motor torque [N m] by rounding to `torque_step`; 0 without."""
+        return 0.0 if self.torque_step is None else np.array(self.torque_step) / 2
+
     def joint_viscous(self, qd: ArrayOrSymbols = 0.0) -> Any:
         """Viscous friction b k^2 [N m s/rad], on the joint (or shaft) at speeds qd [rad/s].
 

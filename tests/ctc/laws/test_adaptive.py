@@ -92,7 +92,7 @@ def test_the_lyapunov_function_falls_by_what_the_gain_takes_out():
 
 def once(controller, *, torque):
     """f-hat after a sample off the reference, the torque then applied, and one more sample."""
-    block = controller.block(RIG)
+    block = controller.block(controller.rig)
     still = (0.1, -0.2), (0.5, 0.4), (1.0, -1.0), RIG.counts(np.array([0.1, -0.2]))
     asked, state = block.step(block.initial, *still, (900, -700), (0, 0), RIG.period, block.values)
     before = state.full().ravel()[:9]
@@ -154,6 +154,14 @@ def test_the_torque_is_that_of_the_corrected_reference():
 def test_f_hat_rests_while_a_torque_is_cut():
     before, after = once(law(RIG), torque=lambda asked: asked * (1, 0.99))
     np.testing.assert_array_equal(after, before)
+
+
+def test_f_hat_learns_where_an_amplifier_rounds_the_torque():
+    drive = dataclasses.replace(RIG.drive, torque_step=3e-3, current_limit=100.0)
+    rig = dataclasses.replace(RIG, drive=drive)
+    before, after = once(law(rig), torque=rig.drive.limited)
+    np.testing.assert_array_equal(after, once(law(RIG), torque=lambda asked: asked)[1])
+    assert (after != before).any()
 
 
 def test_f_hat_stays_in_its_ranges_and_where_gamma_is_zero():
