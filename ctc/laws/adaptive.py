@@ -122,10 +122,10 @@ class Adaptive(ModelLaw):
         commanded = model + self.gain * s + friction - self.rig.spring_torque(q)
 
         # 3. Adapt, except while a torque is cut: the error then has another cause than f. Rounding
-        # makes differences far below this share of the limit, beside that of the amplifier.
+        # makes differences far below this share of the limit, beside that of amplifier or frames.
         drive = rig.drive
         missing = ca.fabs(drive.motor_torque(torque - before.commanded))
-        cut = missing > 1e-9 * drive.motor_gain * drive.current_limit + drive.rounding
+        cut = missing > 1e-9 * drive.motor_gain * drive.current_limit + rig.rounding
         learning_time = ca.if_else(ca.sum1(cut) > 0, 0, dt)
         f = f + learning_time * self.adaptation * (Y.T @ s)
         if self.ranges is not None:

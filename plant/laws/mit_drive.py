@@ -243,6 +243,13 @@ class MitDrive(InnerLoop, Law):
         """The frame's kd."""
         return self.kd
 
+    def rounding(self, rig: Rig) -> Any:
+        """Half a step of the torque field, on the motors."""
+        half = np.broadcast_to(_step(self.field_ends.tau, self.bits[4]) / 2, rig.n)
+        # One row per joint alone: roundings of several joints may add up on a coupled motor.
+        shaft = np.abs(rig.drive.coupling.shaft_torque(np.diag(half))).sum(axis=0)
+        return ca.DM(shaft) / ca.fabs(rig.drive.gear)
+
     def frame(self, rig: Rig, q: ca.SX, qd: ca.SX, torque: ca.SX, pulses: ca.SX) -> Frame:
         """The frame, rounded field by field, by which the drive gives this torque."""
         end = self.field_ends

@@ -137,6 +137,10 @@ class PositionServo(InnerLoop, Law):
         """The damping across the gear: torque of a shaft per speed."""
         return self.supply * self.damping * self._per_radian(rig)
 
+    def rounding(self, rig: Rig) -> Any:
+        """The torque of half a count."""
+        return self.supply * self.gain / 2
+
     def frame(self, rig: Rig, q: ca.SX, qd: ca.SX, torque: ca.SX, pulses: ca.SX) -> Frame:
         """The goal, a whole count, by which the servo gives this torque on the reference."""
         drive = rig.drive

@@ -51,6 +51,10 @@ class InnerLoop(Part, abc.ABC):
         """Restoring torque per rate of the deviation (n,) [N m s/rad], on the shafts."""
 
     @abc.abstractmethod
+    def rounding(self, rig: Any) -> Any:
+        """Largest change of a motor torque (n,) [N m] by the rounding of a frame."""
+
+    @abc.abstractmethod
     def frame(self, rig: Any, q: ca.SX, qd: ca.SX, torque: ca.SX, pulses: ca.SX) -> Frame:
         """The frame by which a joint torque (n, 1) [N m] acts beside a reference q, qd (n, 1).
 

@@ -12,6 +12,7 @@ from ctc import ComputedTorque, FeedForward, Uncertainty, certify, evaluate
 from identification import identify
 from plant import (
     PD,
+    PID,
     Guards,
     Harmonics,
     Law,
@@ -59,6 +60,20 @@ def test_sag_of_plain_goals_is_weight_over_gain():
     sag = ARM.h(record.true_q[-1], (0, 0)) / GAIN
     # Goals and counts are whole numbers.
     np.testing.assert_allclose(record.error_pulses[-100:].mean(axis=0), sag, atol=1.0)
+
+
+@pytest.mark.parametrize("inner", ["servo", MitDrive(kp=10.0, kd=0.5)])
+def test_clamping_integrates_where_goals_and_frames_round_the_torque(inner):
+    law = PID(
+        gain=(0.002, 0.002),
+        derivative=(0, 0),
+        integral=(0.05, 0.05),
+        filter=600.0,
+        period=0.01,
+        anti_windup="clamping",
+    )
+    record = simulate(ARM, rig(inner=inner, coulomb=0.0), law, STILL, duration=2.0)
+    np.testing.assert_allclose(record.error_pulses[-20:], 0, atol=1)
 
 
 def test_feed_forward_takes_the_sag_and_the_lag_away():
