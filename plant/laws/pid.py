@@ -389,7 +389,8 @@ class Cascade(Law):
         """Tau = k (speed w + integral (time integral of w)), w = position e - pulses'."""
         before = self.fields.read(state, rig.n)
         if self.difference:
-            rate, memory = difference(pulses, before.pulses, self.difference, dt)
+            samples, period = self.difference, self.period
+            rate, memory = difference(pulses, before.pulses, samples, dt, period)
         else:
             rate, memory = filtered_difference(pulses, before.pulses, self.filter, dt)
         # The speed error in pulses per second: commanded speed of the position loop less the

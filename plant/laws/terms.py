@@ -35,12 +35,19 @@ def filtered_difference(signal: ca.SX, memory: Any, pole: ca.SX, dt: ca.SX) -> t
     return change / dt, memory._replace(signal=smoothed + change, begun=1)
 
 
-def difference(signal: ca.SX, memory: Any, samples: int, dt: ca.SX) -> tuple[ca.SX, Any]:
-    """Rate (n,) of a signal (n,) over some samples, and the memory, a record of `readings`."""
+def difference(
+    signal: ca.SX, memory: Any, samples: int, dt: ca.SX, period: Any
+) -> tuple[ca.SX, Any]:
+    """Rate (n,) of a signal (n,) over some samples, and the memory, a record of `readings`.
+
+    The samples are a `period` apart, and the last one `dt` after the one before it [s].
+    """
     # Before the first reading the signal is taken to have stood still.
     signals = ca.if_else(memory.begun > 0, memory.signals, ca.repmat(signal, samples, 1))
     rows = ca.vertsplit(signals, signal.shape[0])
-    rate = (signal - rows[-1]) / (samples * dt)
+    # A late call lengthens only its own sample.
+    span = samples * dt - (samples - 1) * (dt - period)
+    rate = (signal - rows[-1]) / span
     return rate, memory._replace(signals=ca.vertcat(signal, *rows[:-1]), begun=1)
 
 

@@ -57,8 +57,8 @@ class Guards:
 
     A bad sample is bridged; more than `patience` of them in a row stop the arm. A stop lasts until
     `Running.reset`. `saturation` and `chatter` are shares of the amplifier's limit, or of the
-    controller's ``torque_limit``, on the shafts; they monitor laws with a period, and others where
-    the calls are given `now`.
+    controller's ``torque_limit``, on the shafts. They and `rest` monitor laws with a period, and
+    others where the calls are given `now`.
 
     Parameters
     ----------

@@ -15,7 +15,7 @@ import pytest
 from closed_loops import Filtered, direct_rig
 from numba.core.runtime import _nrt_python, rtsys
 
-from plant import Coupling, Guards, Law, PointToPoint, number, part, puma560
+from plant import Cascade, Coupling, Guards, Law, PointToPoint, number, part, puma560
 from plant.realtime import memory
 
 RIG = puma560.rig()
@@ -253,6 +253,21 @@ def test_a_late_call_is_told_to_the_law():
         1
     ]
     np.testing.assert_allclose(running.state, expected.full().ravel(), rtol=1e-9)
+
+
+def test_a_late_call_shows_a_cascade_the_speed_at_which_the_joint_moves():
+    """Its torque is the speed over four samples, to half a pulse each, also over 3 + 3 periods."""
+    options = {"position": (0, 0), "speed": (1e-4, 1e-4), "integral": (0, 0)}
+    law = Cascade(difference=4, period=RIG.period, **options)
+    running, now, speed = law.start(RIG, (0, 0)), 0.0, np.array([1.0, 0.0])
+    for k in range(20):
+        now += RIG.period * (3 if k == 19 else 1)
+        q = speed * now
+        torque = running.step(RIG.counts(q), q, speed, ZERO, now=now)
+    assert running.bridged == 1
+    expected = -1e-4 * RIG.position_in_pulses(speed)[0]
+    half = 1e-4 / (4 * RIG.period)
+    assert RIG.drive.motor_torque(torque)[0] == pytest.approx(expected, abs=half)
 
 
 @pytest.mark.parametrize(("gain", "stops"), [(0.003, False), (0.2, True)])
