@@ -102,7 +102,7 @@ def _functions() -> list[ast.FunctionDef]:
     return [node for tree in trees for node in tree.body if isinstance(node, ast.FunctionDef)]
 
 
-def constants_of_logic() -> str:
+def constants_of_logic(target: Target) -> str:
     """Declarations of the constants of the guards: codes, and thresholds."""
     constants = {
         name: value
@@ -110,7 +110,7 @@ def constants_of_logic() -> str:
         for name, value in vars(module).items()
         # Types and settings in capitals are no constants of C.
         if name.isupper() and isinstance(value, (int, float))
-    }
+    } | target.constants
     # Whole numbers become an enum: C allows its names as array sizes and cases.
     codes = [f"{name} = {value}" for name, value in constants.items() if isinstance(value, int)]
     # 108 columns and an indentation of 4 keep the lines of the C within 112.
@@ -266,7 +266,7 @@ def values_of(
         "clock_meaning": f"{_CLOCK}\n",
         "refusal": paragraph(_REFUSAL.format(output=values["output"])),
         "other_declarations": fragment("guarded.h", values),
-        "numbers": f"{sizes}\n/* -- codes and thresholds -- */\n{constants_of_logic()}",
+        "numbers": f"{sizes}\n/* -- codes and thresholds -- */\n{constants_of_logic(target)}",
         "helpers": f"{target.elementary}{HELPERS}\n{helpers(body)}",
         "code": (
             f"\n/* -- of the law and the rig -- */\n{body}\n/* -- guards and stop -- */\n"

@@ -108,6 +108,12 @@ class Target(NamedTuple):
         return self.name is not None and not self.single
 
     @property
+    def constants(self) -> dict[str, float]:
+        """Constants of the guards that depend on the precision, by name."""
+        # Largest count: up to here single precision holds whole numbers exactly.
+        return {"EXACT": 1 / _SINGLE} if self.single else {}
+
+    @property
     def elementary(self) -> str:
         """Elementary functions that replace those of a processor's C library."""
         return fragment("elementary.c", {}) if self.exact else ""

@@ -225,6 +225,18 @@ def test_bad_input_says_what_to_do(tmp_path):
 
 
 @needs_c
+def test_in_single_precision_a_count_that_it_cannot_hold_is_no_count(tmp_path):
+    """From 2^24 on, float would round odd counts, and the law would not know."""
+    LAW.start(RIG, (0, 0)).to_c(tmp_path, precision="single")
+    zeros = ",0" * 7
+    (tmp_path / "record.csv").write_text(f"{2**24}{zeros}\n")
+    on_host(tmp_path)
+    (tmp_path / "record.csv").write_text(f"{2**24 + 3}{zeros}\n")
+    refused = subprocess.run([tmp_path / "host", tmp_path / "record.csv"], capture_output=True)
+    assert refused.returncode == 1
+
+
+@needs_c
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="paced on Linux")
 def test_the_paced_program_counts_every_step(tmp_path):
     folder = exported(tmp_path)
