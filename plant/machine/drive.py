@@ -137,7 +137,8 @@ class Drive(Part):
 
     def __post_init__(self) -> None:
         # A string is one name.
-        opened = (self.left_open,) if isinstance(self.left_open, str) else tuple(self.left_open)
+        several = np.iterable(self.left_open) and not isinstance(self.left_open, str)
+        opened = tuple(self.left_open) if several else (self.left_open,)
         for name in opened:
             choice("left_open of Drive", name, _FRICTION)
         # None opens a kind of friction: it is zero until an identification finds it.
@@ -152,13 +153,15 @@ class Drive(Part):
         )
         object.__setattr__(self, "left_open", still_open)
         # The names are checked before the numbers, since the messages below use them as labels.
-        joints = self.joints
-        strings = not isinstance(joints, str) and all(isinstance(name, str) for name in joints)
-        if not strings or len(joints) not in (0, self.n):
+        several = np.iterable(self.joints) and not isinstance(self.joints, str)
+        joints = tuple(self.joints) if several else ()
+        strings = several and all(isinstance(name, str) for name in joints)
+        if not strings or len(set(joints)) not in (0, self.n) or len(joints) > self.n:
             raise ValueError(
-                f"joints must be {self.n} names, or none; got {joints!r:.80}. Name every joint."
+                f"joints must be {self.n} different names, or none; got {self.joints!r:.80}. Name"
+                " every joint."
             )
-        object.__setattr__(self, "joints", tuple(joints))
+        object.__setattr__(self, "joints", joints)
         labels = joint_labels(joints, self.n)
         # A gear may be negative, but zero would leave the motor without effect.
         zero = self.gear == 0
@@ -217,7 +220,7 @@ class Drive(Part):
 
         The other ``fields`` are those of a `Drive`: gear, motor_inertia and motor_gain, which no
         file has; fields that the file states as well replace its values. A missing friction, a
-        missing effort or an effort of 0 is refused.
+        missing effort or an effort of 0 is refused; so are those of joints with a `coupling`.
 
         Examples
         --------
@@ -248,6 +251,11 @@ class Drive(Part):
         ):
             if key in fields:
                 continue
+            if drive.coupling.matrix:
+                raise ValueError(
+                    f"{key} must be given of coupled motors; {Path(path).name} has the {element} of"
+                    f" joints, which several motors bear. Give {key} motor side."
+                )
             lacking = ~np.isfinite(values)
             if lacking.any():
                 raise ValueError(

@@ -199,6 +199,9 @@ FIELDS = {
         ("coulomb", (0, np.inf), r"coulomb of Drive must be finite; got inf at index 1"),
         ("coulomb", (0, 0, 0), r"coulomb of Drive must have shape \(2,\); got shape \(3,\)"),
         ("viscous", "much", r"viscous of Drive must be numbers of shape \(2,\); got 'much'"),
+        ("joints", 5, "joints must be 2 different names, or none; got 5"),
+        ("joints", ("a", "a"), "joints must be 2 different names, or none; got"),
+        ("left_open", 5, "left_open of Drive must be one of 'viscous', 'coulomb'; got 5"),
     ],
 )
 def test_bad_numbers_are_refused_with_their_place(field, value, message):

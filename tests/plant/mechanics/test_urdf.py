@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given as drawn
 from hypothesis import strategies as st
 
-from plant import Chain, Drive, Dynamics, Placement
+from plant import Chain, Coupling, Drive, Dynamics, Placement
 from plant.mechanics import righted
 
 pin = pytest.importorskip("pinocchio")
@@ -455,7 +455,12 @@ def test_a_drive_has_the_friction_and_the_efforts_of_pinocchio_s_reader(tmp_path
             "joint j2 must not have negative friction; got 0.7 and -0.3",
         ),
         (STATED[1], {"gear": (100, 0)}, "gear must not be zero; got 0.0 at joint j2"),
-        (STATED[1], {"gear": (1, 2, 3)}, "joints must be 3 names"),
+        (STATED[1], {"gear": (1, 2, 3)}, "joints must be 3 different names"),
+        (
+            STATED[1],
+            {"coupling": Coupling(matrix=((1, 1), (1, -1)))},
+            "viscous must be given of coupled motors",
+        ),
         (STATED[1], {"gears": 1}, "an option of Drive must be one of .*Did you mean 'gear'"),
     ],
 )
