@@ -271,6 +271,9 @@ std::string Controller::take(const Message & message)
   if (taken->points.empty()) {
     return "it has no points. Deactivate the controller to stop it.";
   }
+  if (taken->start > 0 && taken->start + taken->times.back() <= seen_.load()) {
+    return "it ended before it came. Send it with a later stamp, or with one of zero.";
+  }
   for (const Motion & last : taken->points.back()) {
     if (std::abs(last[1]) > AT_REST || std::abs(last[2]) > AT_REST) {
       return "it must end at rest. End it with zero velocities and accelerations.";
@@ -320,6 +323,7 @@ Motions Controller::along(const Trajectory & trajectory, std::int64_t now) const
 return_type Controller::update_reference_from_subscribers(
   const rclcpp::Time & time, const rclcpp::Duration & /*period*/)
 {
+  seen_.store(time.nanoseconds());
   const std::shared_ptr<const Trajectory> & given = *received_.readFromRT();
   if (given && given->number != followed_) {
     followed_ = given->number;

@@ -6,6 +6,7 @@ $about
 #define ${NAME}_CONTROLLER_HPP_
 
 #include <array>
+#include <atomic>
 #include <cstddef>
 #include <cstdint>
 #include <memory>
@@ -97,6 +98,7 @@ private:
   rclcpp::Subscription<Message>::SharedPtr subscription_;
   realtime_tools::RealtimeBuffer<std::shared_ptr<const Trajectory>> received_;
   std::uint64_t received_count_ = 0;  /* of the subscription's thread */
+  std::atomic<std::int64_t> seen_{0};  /* time of the last update [ns], which that thread reads */
 
   ${name}_state law_{};
   Motions reference_{}, from_{};  /* given last; where the trajectory was joined */
