@@ -63,8 +63,8 @@ class Guards:
     Parameters
     ----------
     jump : float or (n,) array_like, optional
-        Largest innovation [pulses]: count minus the one predicted from the last speed; as much
-        again as the joint moves in a sample is allowed. By default 8 and four times what the
+        Largest innovation [pulses]: count minus the one predicted from the last speed. The motion
+        of the joint within a sample is allowed beside it. By default 8 and four times what the
         amplifiers can add to the motion within one sample, on the rotor inertias alone; a tenth of
         a turn of the motor where one of these is not known (infinite, or zero). Bridged by the
         predicted count.
@@ -90,29 +90,31 @@ class Guards:
         with an ``arm``), or without torque: the torque ramps there within a tenth of `duration`,
         with damping by the measured speeds. A hold becomes such a ramp (to gravity compensation
         where the law has an arm) where there is no feedback to hold by: an encoder stands still,
-        goes on jumping, the law gives no finite torque, or one that saturates or chatters; then the
-        ramp begins at the mean torque.
+        goes on jumping, the law gives no finite torque, or one that saturates or chatters. In the
+        last two cases the ramp begins at the mean torque.
     duration : float
         Of the braking [s].
     rest : float or (n,) array_like, optional
         Change of the joint torque [N m] that leaves a joint at rest. A larger one, for 20 ms
-        without a count, stops: the encoder is dead, or the joint blocked. Less the torque that the
-        law's model needs for the motion of the other joints, and half of that; without a model only
-        while no reference moves. By default 2.2 times the rig's friction, assuming that static
-        friction is at most a tenth above it, and a tenth of the limit at least.
+        without a count, stops: the encoder is dead, or the joint blocked. What the law's model
+        needs for the motion of the other joints is allowed beside it, within half of that; a law
+        without a model is monitored only while no reference moves. By default 2.2 times the rig's
+        friction, assuming that static friction is at most a tenth above it, and a tenth of the
+        limit at least.
     rhythm : float
         Share by which the reference may be slower or faster than its speed ``qd_r`` says, averaged
-        over ten samples in which it moves by a pulse and more. Calls lost or doubled without `now`
-        show so, where the reference is one of time. Stops at once.
+        over ten samples in which it moves by a pulse and more. It shows lost and doubled calls
+        without `now`, where the reference is a function of time. Stops at once.
     position : (2, n) array_like, optional
         Lowest and highest joint position [rad]. Stops at once.
     speed : float or (n,) array_like, optional
         Largest measured joint speed [rad/s]. Stops at once.
     torque_rate : float or (n,) array_like, optional
-        Largest change of the joint torque [N m/s]. A faster one is given as far as that goes.
+        Largest rate of the joint torque [N m/s]. A faster change is given in part; if it goes on, it
+        stops the arm.
     braking : float
-        Time [s] for which, in a stop, a torque may be at its limit in all. Then, or if a joint is
-        faster than the stop can make it, there is no torque until `Running.reset`, and
+        Total time [s] for which a torque may be at its limit in a stop. After that, or once a joint
+        is faster than the stop can make it, there is no torque until `Running.reset`, and
         ``status.brake`` asks for the brake.
     limits_of : Limits, optional
         Such as ``chain.limits`` of a model file: its positions and speeds, where `position` and
@@ -326,7 +328,7 @@ def _of_all_motors(rig: Rig, levels: Floats) -> Floats:
 
 
 def limited(rig: Rig, torque_limit: ArrayLike | None) -> Rig:
-    """A rig whose amplifiers end at these torques (n,) [N m], joint side; for None itself."""
+    """A rig whose amplifiers end at these torques (n,) [N m], on the joint (or shaft)."""
     if torque_limit is None:
         return rig
     advice = "Give one torque above 0 per joint [N m]."

@@ -171,7 +171,7 @@ def to_ros2_control(
         each space; of numbers, and where there are none, joint1 and so on.
     guards : Guards
     torque_limit : (n,) array_like, optional
-        Lower than the amplifier's [N m], joint side.
+        As of `Law.start`: a limit below the amplifier's [N m].
     without : sequence of str
         Parts of the model that the hardware adds; as `Law.start`.
 
