@@ -125,7 +125,7 @@ class Adaptive(ModelLaw):
         # makes differences far below this share of the limit, beside that of amplifier or frames.
         drive = rig.drive
         missing = ca.fabs(drive.motor_torque(torque - before.commanded))
-        cut = missing > 1e-9 * drive.motor_gain * drive.current_limit + rig.rounding
+        cut = missing > 1e-9 * drive.motor_gain * drive.current_limit + rig.torque_rounding
         learning_time = ca.if_else(ca.sum1(cut) > 0, 0, dt)
         f = f + learning_time * self.adaptation * (Y.T @ s)
         if self.ranges is not None:

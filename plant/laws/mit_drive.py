@@ -243,7 +243,7 @@ class MitDrive(InnerLoop, Law):
         """The frame's kd."""
         return self.kd
 
-    def rounding(self, rig: Rig) -> Any:
+    def torque_rounding(self, rig: Rig) -> Any:
         """Half a step of the torque field, on the motors."""
         half = np.broadcast_to(_step(self.field_ends.tau, self.bits[4]) / 2, rig.n)
         # One row per joint alone: roundings of several joints may add up on a coupled motor.

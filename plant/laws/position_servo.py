@@ -137,7 +137,7 @@ class PositionServo(InnerLoop, Law):
         """The damping across the gear: torque of a shaft per speed."""
         return self.supply * self.damping * self._per_radian(rig)
 
-    def rounding(self, rig: Rig) -> Any:
+    def torque_rounding(self, rig: Rig) -> Any:
         """The torque of half a count."""
         return self.supply * self.gain / 2
 

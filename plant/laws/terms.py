@@ -89,7 +89,7 @@ class Integral(NamedTuple):
             slope = (slope + before.slope) / 2
         if self.anti_windup == "clamping":
             # Integrate at the limit only what leads away from it. A rounding is less.
-            rounded = _LIMITED * ca.fabs(before.commanded) + rig.rounding
+            rounded = _LIMITED * ca.fabs(before.commanded) + rig.torque_rounding
             at_limit = ca.fabs(missing) > rounded
             slope = ca.if_else(ca.logic_and(at_limit, slope * missing <= 0), 0, slope)
         if self.anti_windup == "back-calculation":

@@ -326,7 +326,7 @@ class Drive(Part):
         return self.coupling.joint_torque(ca.fmin(ca.fmax(shaft, -ca.fabs(limit)), ca.fabs(limit)))
 
     @property
-    def rounding(self) -> Floats | float:
+    def torque_rounding(self) -> Floats | float:
         """Largest change of a motor torque [N m] by rounding to `torque_step`; 0 without."""
         return 0.0 if self.torque_step is None else np.array(self.torque_step) / 2
 

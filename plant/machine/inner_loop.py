@@ -51,7 +51,7 @@ class InnerLoop(Part, abc.ABC):
         """Restoring torque per rate of the deviation (n,) [N m s/rad], on the shafts."""
 
     @abc.abstractmethod
-    def rounding(self, rig: Any) -> Any:
+    def torque_rounding(self, rig: Any) -> Any:
         """Largest change of a motor torque (n,) [N m] by the rounding of a frame."""
 
     @abc.abstractmethod

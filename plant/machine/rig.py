@@ -329,9 +329,11 @@ class Rig(Part):
         return torque if self.inner is not None else self.drive.limited(torque)
 
     @property
-    def rounding(self) -> ArrayOrSymbols | float:
+    def torque_rounding(self) -> ArrayOrSymbols | float:
         """Largest change of a motor torque (n,) [N m] by the rounding of amplifier or frames."""
-        return self.drive.rounding if self.inner is None else self.inner.rounding(self)
+        return (
+            self.drive.torque_rounding if self.inner is None else self.inner.torque_rounding(self)
+        )
 
     def counts(self, q: ArrayOrSymbols) -> ArrayOrSymbols:
         """Counts at a joint position [rad], with the motor's sign, without the phase."""
