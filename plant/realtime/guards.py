@@ -110,8 +110,8 @@ class Guards:
     speed : float or (n,) array_like, optional
         Largest measured joint speed [rad/s]. Stops at once.
     torque_rate : float or (n,) array_like, optional
-        Largest rate of the joint torque [N m/s]. A faster change is given in part; if it goes on, it
-        stops the arm.
+        Largest rate of the joint torque [N m/s]. A faster change is given in part. If it goes on,
+        it stops the arm.
     braking : float
         Total time [s] for which a torque may be at its limit in a stop. After that, or once a joint
         is faster than the stop can make it, there is no torque until `Running.reset`, and
