@@ -138,7 +138,7 @@ class Drive(Part):
     def __post_init__(self) -> None:
         # A string is one name.
         several = np.iterable(self.left_open) and not isinstance(self.left_open, str)
-        opened = tuple(self.left_open) if several else (self.left_open,)
+        opened: tuple[Any, ...] = tuple(self.left_open) if several else (self.left_open,)
         for name in opened:
             choice("left_open of Drive", name, _FRICTION)
         # None opens a kind of friction: it is zero until an identification finds it.

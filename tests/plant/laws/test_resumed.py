@@ -80,7 +80,7 @@ def test_the_difference_over_samples_is_that_of_the_counts():
 
     signal, memory = ca.SX.sym("signal", 2), ca.SX.sym("memory", 7)
     fields = readings(3)
-    rate, following = difference(signal, fields.read(memory, 2), 3, ca.SX(0.5))
+    rate, following = difference(signal, fields.read(memory, 2), 3, ca.SX(0.5), 0.5)
     step = ca.Function("step", [signal, memory], [rate, fields.write(2, **following._asdict())])
     path, state, rates = np.cumsum(np.arange(12.0).reshape(6, 2), axis=0), np.zeros(7), []
     for row in path:
