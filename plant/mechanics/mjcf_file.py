@@ -558,9 +558,11 @@ class _Reader:
                 f"{where} must have its mass from <inertial>, since geoms are not read; the file"
                 " has inertiafromgeom. Give each body its <inertial>."
             )
-        # A body without geoms, or fixed to the world, needs no mass.
+        # A body without geoms, or fixed to the world, needs no mass. MuJoCo puts the least mass at
+        # the body's own pos, in the frame of the body.
         if not inertials and (not geoms or not here.moves):
-            return self._bounded(0.0, np.zeros(6), name, HERE)
+            pos = numbers_of(element, "pos", 3, "0 0 0", where)
+            return self._bounded(0.0, np.zeros(6), name, Placement(position=pos))
         if len(inertials) != 1:
             advice = "Remove all but one." if inertials else "Add it."
             raise ValueError(

@@ -73,6 +73,16 @@ def test_a_later_setting_changes_what_it_states(tmp_path, top):
     agreeing(written(tmp_path, top=top, inertial=plate if "balance" in top else INERTIAL))
 
 
+@pytest.mark.parametrize("around", ["{}", '<frame pos="0 0 2" euler="90 0 0">{}</frame>'])
+def test_the_least_mass_of_an_empty_body_lies_where_mujoco_has_it(tmp_path, around):
+    """At the body's own ``pos``, in the body's frame: it copies the frame of the body."""
+    empty = '<body name="empty" pos="1 0.2 0" euler="0 30 90"/>'
+    top = '<compiler boundmass="0.5" boundinertia="0.01"/>'
+    path = written(tmp_path, top=top, in_a=SWING + around.format(empty))
+    assert mujoco.MjModel.from_xml_path(str(path)).body("empty").ipos.tolist() == [1, 0.2, 0]
+    agreeing(path)
+
+
 def test_masses_of_geoms_stay_with_a_second_compiler(tmp_path):
     top = '<compiler inertiafromgeom="true"/><compiler angle="radian"/>'
     path = written(tmp_path, top=top, in_a=SWING + '<geom size="0.1"/>')
