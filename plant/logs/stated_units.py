@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from plant.logs.unit_words import unit_named, without_unit
 from plant.logs.units import UNITS, Unit, require_unit
-from plant.parts import Floats, choice, near, warn
+from plant.parts import Floats, near, warn
 
 # What a user may state of one field.
 Stated: TypeAlias = str | tuple[str, ...] | list[str] | Mapping[str, Any]
@@ -167,10 +167,10 @@ def _one_word(field: str, word: Any, allowed: tuple[str, ...]) -> str:
             f"unit of {field!r} must be 'deg' or 'gon'; got {word!r}, which is used for both. State"
             " which one it is."
         )
-    convert = f'Convert the column, or give {{"{allowed[0]} per {word}": constant}}.'
+    # The nearest of these is no advice: "N mm" is near "N m", and 1000 times smaller.
     raise ValueError(
         f"unit of {field!r} must be one of {', '.join(map(repr, allowed))}; got {word!r:.40}."
-        f" {near(word, allowed, convert, cutoff=0.7)}"
+        f' Convert the column, or give {{"{allowed[0]} per {word}": constant}}.'
     )
 
 
@@ -191,7 +191,11 @@ def _with_constants(
             f"unit of {field!r} must say what its constants mean; got {text!r:.60}. {advice}"
         )
     # The constants are in a unit of the library; what they multiply may be anything.
-    choice(f"unit of {field!r}", _base(match), allowed)
+    if _base(match) not in allowed:
+        raise ValueError(
+            f"unit of {field!r} must be one of {', '.join(map(repr, allowed))}; got"
+            f" {_base(match)!r:.40}. Give the constants in one of these."
+        )
     return match, constants
 
 

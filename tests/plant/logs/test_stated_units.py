@@ -175,6 +175,24 @@ def test_a_unit_without_what_it_needs_is_refused(unit, field, message):
     assert "\n" not in str(caught.value)
 
 
+@pytest.mark.parametrize(
+    ("unit", "field"),
+    [
+        ("mN m", "torque"),
+        ("kN m", "torque"),
+        ("N mm", "torque"),
+        ("urad", "position"),
+        ("mdeg", "position"),
+        ({"N mm per A": 3.0}, "torque"),
+    ],
+)
+def test_another_multiple_of_a_unit_is_no_misspelling(unit, field):
+    """Advice to state the unit itself would lose the factor without a word."""
+    with pytest.raises(ValueError, match="must be one of") as caught:
+        record(TORQUE, unit, field)
+    assert "Did you mean" not in str(caught.value)
+
+
 @pytest.mark.parametrize("unit", [{"s per tick": 0.5}, {"ms per tick": [500]}])
 def test_times_with_their_constant(unit):
     table = {"time": 2e-3 * np.arange(N) + 7, "c": COUNTS}
