@@ -11,6 +11,7 @@ from plant.logs.logfile import require_columns
 from plant.logs.stated_units import Stated, require_words, stated_units
 from plant.logs.units import (
     CHECKS,
+    NOTES,
     REFERENCE,
     TIME,
     UNITS,
@@ -27,10 +28,9 @@ from plant.parts import Floats, choice, frozen_settings, instance, real, warn, w
 
 MEASURED = ("position", "motor_position", "counts", "error_pulses")
 _PATH_FIELDS = ("reference_position", "reference_motor_position")
-# Fields of which a record keeps one number, and the function that takes it from the column.
-_NOTED: dict[str, Any] = {"temperature": np.nanmean, "time": lambda rows: rows[0]}
 _PARTIAL = ("link_position",)  # the mapping gives None for each joint without such a column
-_FIELDS = (*UNITS, "valid", *_NOTED)
+_FIELDS = (*UNITS, "valid")
+_KELVIN = 273.15  # 0 degC
 
 
 @frozen_settings
@@ -75,7 +75,7 @@ def mapped_names(columns: Mapping[str, Any], units: Mapping[str, Stated] | None)
     advice = 'Give columns={"t": "time", "position": ["q1", "q2"], ...}.'
     instance("columns", columns, dict, advice)
     turned = [field for field in columns.values() if isinstance(field, str) and field in _FIELDS]
-    if turned and not any(field in UNITS for field in columns):
+    if turned and not (UNITS.keys() - NOTES) & columns.keys():
         raise ValueError(
             f"columns must name the file's columns by what they are; got {columns!r:.80}, the other"
             f" way round. {advice}"
@@ -130,7 +130,7 @@ def record_fields(
     require_columns(names, table)
     values = _blocks(table, columns, rig.n)
     # Notes leave the values here, so that their missing cells take no weight from a row.
-    notes = {field: _note(field, values.pop(field)) for field in _NOTED if field in values}
+    notes = {f: _note(f, values.pop(f), of_fields[f]) for f in NOTES if f in values}
     values, t = _in_time(values, of_fields.get("t"), rig)
     values |= _without_torque_delay(values, torque_delay)
     # The rows that really hold a command must be found before `_held` fills the gaps.
@@ -226,16 +226,19 @@ def _blocks(table, columns, n):
     return values
 
 
-def _note(field, column):
-    """The one number that a record keeps of a column (N,)."""
+def _note(field, column, unit):
+    """The one number that a record keeps of a column (N,): the mean [degC], or the first [s]."""
     if np.isnan(column).all():
         raise ValueError(f"{field!r} must hold numbers; got NaN alone. Leave it out.")
-    return float(_NOTED[field](column))
+    value = unit.converted(column)
+    if field == "time":
+        return float(value[0] / TIME[unit.unit])
+    return float(np.nanmean(value)) - (_KELVIN if unit.unit == "K" else 0.0)
 
 
 def _block(table, field, value, n):
     """The columns of one field, (N, n); (N,) where there is one for all joints."""
-    single = field in ("t", "valid", *_NOTED)
+    single = field in ("t", "valid", *NOTES)
     named = {name: _column(name, table[name]) for name in _names(value) if name is not None}
     if not named:
         raise ValueError(f"{field!r} must name a column at least; got {value!r:.80}. Leave it out.")

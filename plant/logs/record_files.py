@@ -317,7 +317,8 @@ class FromFiles:
             Field -> unit: ``s``, ``ms``, ``us`` or ``ns`` of t, ``rad``, ``deg`` or ``pulses`` of
             positions, of joints that slide ``m`` or ``mm``, ``N m`` (of the joint), ``N`` (of one
             that slides) or ``motor N m`` of torques, ``A`` or ``mA`` of current. Where some joints
-            turn and others slide, one per joint: ``("rad", "m")``.
+            turn and others slide, one per joint: ``("rad", "m")``. By default ``degC`` of
+            temperature (else ``K``) and ``s`` of time.
         wrap : float or (n,) array_like, optional
             Where the measured position starts again, in its own unit: 2**16 counts, 2 pi rad. It is
             unwrapped by whole wraps, each the one nearest to the sample before.

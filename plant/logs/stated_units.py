@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plant.logs.unit_words import unit_named, without_unit
-from plant.logs.units import UNITS, Unit, require_unit
+from plant.logs.units import NOTES, UNITS, Unit, require_unit
 from plant.parts import Floats, near, warn
 
 # What a user may state of one field.
@@ -61,7 +61,7 @@ class StatedUnit:
 def stated_units(
     columns: Mapping[str, Any], units: Mapping[str, Stated] | None, table: Mapping[str, Any], n: int
 ) -> dict[str, StatedUnit]:
-    """The unit of each mapped field: as stated, as the heading says, or the only one there is."""
+    """The unit of each mapped field: as stated, as the heading says, or the usual one."""
     stated = dict(units or {})
     headings = {field: unit for field in columns if (unit := _heading_unit(field, columns, table))}
     # The user knows more than the heading: an exporter may convert and keep the old name.
@@ -71,14 +71,15 @@ def stated_units(
         allowed = UNITS.get(field)
         if allowed is None:
             continue
-        # A field with a single possible unit, such as counts, needs no statement.
-        if field not in stated and len(allowed) > 1:
+        # A field with a single possible unit, such as counts, needs no statement; a note neither.
+        if field not in stated and len(allowed) > 1 and field not in NOTES:
             offered = ", ".join(map(repr, allowed))
             raise ValueError(
                 f"units must state that of {field!r}; got none. Give one of {offered}."
             )
-        # All joints have the same times.
-        used = _stated(field, stated.get(field, allowed[0]), 1 if field == "t" else n)
+        # All joints have the same times and notes.
+        size = 1 if field in ("t", *NOTES) else n
+        used = _stated(field, stated.get(field, allowed[0]), size)
         heading = headings.get(field, used.unit)
         # A unit with constants is one that no heading can say.
         if used.factor is None and used.unit != heading:
@@ -111,8 +112,9 @@ def _heading_unit(field: str, columns: Mapping[str, Any], table: Mapping[str, An
     # A joint without a second encoder has no column there.
     named = [name for name in names if name is not None]
     units = {x: unit for x in named if (unit := of_table.get(x) or without_unit(x)[1]) is not None}
-    # A field with a single unit, such as counts, needs no words.
-    if len(UNITS.get(field, ())) < 2 or not units or len(units) < len(named):
+    # Counts, which have a single unit, may be called numbers.
+    counted = len(UNITS.get(field, ())) < 2 and "1" in units.values()
+    if field not in UNITS or counted or not units or len(units) < len(named):
         return None
     # Any unit will do for the absent column of a joint.
     words = tuple(units.get(x, units[named[0]]) for x in names)

@@ -42,7 +42,11 @@ UNITS = {
     "counts": ("pulses",),
     "error_pulses": ("pulses",),
     "reference_pulses": ("pulses",),
+    "temperature": ("degC", "K"),
+    "time": tuple(TIME),
 }
+# Fields of which a record keeps one number, in the first of their units, which is the default.
+NOTES = ("temperature", "time")
 
 _PER_JOINT = {*ANGLE, *LENGTH, "N m", "N"}
 

@@ -225,3 +225,46 @@ def test_headings_of_two_units_beside_a_joint_without_a_second_encoder():
     found = Record.from_table(table, rig=RIG, columns=columns)
     np.testing.assert_allclose(found.link_counts[:, [0, 2]], COUNTS[:, [0, 2]], atol=1e-8)
     assert np.isnan(found.link_counts[:, 1]).all()
+
+
+@pytest.mark.parametrize(
+    ("field", "heading", "unit", "logged", "noted"),
+    [
+        ("temperature", "", None, 25.0, 25.0),
+        ("temperature", " [°C]", None, 25.0, 25.0),
+        ("temperature", " [K]", None, 298.15, 25.0),
+        ("temperature", "", "K", 298.15, 25.0),
+        ("temperature", "", {"degC per V": 10.0}, 2.5, 25.0),
+        ("time", "", None, 1.7e9, 1.7e9),
+        ("time", " [ms]", None, 1.7e12, 1.7e9),
+        ("time", "", "ns", 1.7e18, 1.7e9),
+    ],
+)
+def test_notes_are_in_their_unit(field, heading, unit, logged, noted):
+    """Celsius and Unix seconds, unless the heading or the units say something else."""
+    table = {"c": COUNTS, f"x{heading}": np.full(N, logged)}
+    columns = {"counts": "c", field: f"x{heading}"}
+    units = {} if unit is None else {field: unit}
+    found = Record.from_table(table, rig=RIG, columns=columns, units=units)
+    assert found.notes[field] == pytest.approx(noted, rel=1e-12)
+
+
+@pytest.mark.parametrize("heading", ["mrad", "deg", "A"])
+def test_counts_under_a_heading_of_another_unit_are_refused(heading):
+    names = [f"q{i} [{heading}]" for i in range(3)]
+    table = dict(zip(names, COUNTS.T, strict=True))
+    with pytest.raises(
+        ValueError, match=f"unit of 'counts' must be one of 'pulses'; got '{heading}'"
+    ):
+        Record.from_table(table, rig=RIG, columns={"counts": names})
+    # Who states the unit knows more than the heading.
+    with pytest.warns(UserWarning, match="its heading says"):
+        Record.from_table(table, rig=RIG, columns={"counts": names}, units={"counts": "pulses"})
+
+
+@pytest.mark.parametrize("heading", ["inc", "1", "-", "axis"])
+def test_a_heading_of_counts_may_have_no_unit(heading):
+    names = [f"q{i} [{heading}]" for i in range(3)]
+    table = dict(zip(names, COUNTS.T, strict=True))
+    found = Record.from_table(table, rig=RIG, columns={"counts": names})
+    np.testing.assert_array_equal(found.counts, COUNTS)
