@@ -186,7 +186,8 @@ def _without_torque_delay(values, samples):
     """Torques and currents (N, n), moved up to the rows whose counts they acted on.
 
     The last rows have no torque or current then: they get NaN, for which `_held` removes their
-    weight. Without a delay the result is empty.
+    weight. A row has at most the weight of the row from which its torque comes. Without a delay
+    the result is empty.
     """
     fields = [name for name in ("torque", "current") if name in values]
     whole("torque_delay", samples, "Give the samples by which the column is late.", least=0)
@@ -197,13 +198,17 @@ def _without_torque_delay(values, samples):
         )
     if not samples:
         return {}
-    return {
+    moved = {
         # Floats, since a column of whole numbers has no NaN.
         name: np.concatenate(
             [values[name][samples:], np.full_like(values[name][:samples], np.nan, dtype=float)]
         )
-        for name in fields
+        for name in (*fields, "valid")
+        if name in values
     }
+    if "valid" in moved:
+        moved["valid"] = np.minimum(values["valid"], moved["valid"])
+    return moved
 
 
 def _names(value):

@@ -53,6 +53,18 @@ def test_late_torques_of_whole_numbers_are_those_of_floats(record):
     np.testing.assert_array_equal(as_whole.valid, np.arange(len(record)) < len(record) - 2)
 
 
+def test_a_torque_keeps_the_weight_of_the_row_where_it_stood(record):
+    """The row without weight, 5, has the torque of row 3."""
+    weight = np.ones(len(record))
+    weight[5] = 0.0
+    table = {"c": record.counts, "m": record.torque, "w": weight}
+    columns = {"counts": "c", "torque": "m", "valid": "w"}
+    options = {"rig": RIG, "columns": columns, "units": {"torque": "N m"}}
+    found = Record.from_table(table, **options, torque_delay=2)
+    assert np.flatnonzero(found.valid[:-2] == 0).tolist() == [3, 5]
+    assert (found.valid[-2:] == 0).all()
+
+
 def test_a_robot_file_states_the_delay(tmp_path):
     robot = dataclasses.replace(
         read_robot("paper_puma560"), columns=COLUMNS, units={"t": "s"}, torque_delay=1
