@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from plant.checkup import STEP_NOTE
 from plant.logs.logfile import require_columns
-from plant.logs.stated_units import Stated, require_words, stated_units
+from plant.logs.stated_units import Stated, StatedUnit, require_words, stated_units
 from plant.logs.units import (
     CHECKS,
     NOTES,
@@ -24,7 +24,7 @@ from plant.logs.units import (
 )
 from plant.machine import Rig
 from plant.motion import Reference
-from plant.parts import Floats, choice, frozen_settings, instance, real, warn, whole
+from plant.parts import Floats, choice, frozen_settings, instance, real, several, warn, whole
 
 MEASURED = ("position", "motor_position", "counts", "error_pulses")
 _PATH_FIELDS = ("reference_position", "reference_motor_position")
@@ -140,6 +140,7 @@ def record_fields(
     measured = next(field for field in MEASURED if field in values)
     if wrap is not None:
         values[measured] = _unwrapped(values[measured], wrap, rig.joint_labels)
+        values |= _together(values, measured, of_fields, np.asarray(wrap), rig.joint_labels)
     # The wrap is stated in the logged unit, so values are unwrapped before the constants of that
     # unit are applied.
     values = {
@@ -361,6 +362,11 @@ def _unwrapped(value: NDArray[Any], wrap: Any, labels: Sequence[str]) -> NDArray
         raise ValueError(
             f"wrap must be as large as what is logged; got {wrap[joint]:g}, but {got}. Correct it."
         )
+    return _continued(value, wrap)
+
+
+def _continued(value: NDArray[Any], wrap: Floats) -> NDArray[Any]:
+    """Values (N, n) without steps of more than half a wrap (n,)."""
     # Integers stay exact, however many wraps are added.
     is_integer = value.dtype.kind == "i" or (value == np.round(value)).all()
     kind = np.int64 if is_integer and (wrap == np.round(wrap)).all() else float
@@ -368,7 +374,48 @@ def _unwrapped(value: NDArray[Any], wrap: Any, labels: Sequence[str]) -> NDArray
     wrap = wrap.astype(kind)
     # A step of more than half a wrap is a passage through the wrap in the opposite direction.
     turns = -np.cumsum(np.round(np.diff(value, axis=0) / wrap).astype(np.int64), axis=0)
-    return value + np.vstack([np.zeros((1, n), np.int64), turns]) * wrap
+    return value + np.vstack([np.zeros((1, len(wrap)), np.int64), turns]) * wrap
+
+
+def _together(
+    values: Mapping[str, NDArray[Any]],
+    measured: str,
+    units: Mapping[str, StatedUnit],
+    wrap: NDArray[Any],
+    labels: Sequence[str],
+) -> dict[str, NDArray[Any]]:
+    """An unwrapped position and its reference, where they differ by whole wraps alone.
+
+    A reference may start again as the position does, and the first position may be whole wraps off.
+    The result is empty if the reference is in another unit, or is right as it is.
+    """
+    field = next((name for name in REFERENCE if name in values), None)
+    if field is None or measured == "error_pulses":
+        return {}
+    # Pulses are those of the motor's shaft, whatever the field is called.
+    ends = [
+        (units[name].unit, units[name].unit == "pulses" or "motor" in name)
+        for name in (field, measured)
+    ]
+    if ends[0] != ends[1] or any(units[name].factor is not None for name in (field, measured)):
+        return {}
+    position, logged = values[measured], values[field]
+    wrap = np.broadcast_to(wrap, len(labels))
+    # A reference that spans more than a wrap does not start again.
+    within = np.ptp(logged, axis=0) <= wrap
+    reference = np.where(within, _continued(logged, wrap), logged)
+    shift = np.round((reference[0] - position[0]) / wrap).astype(np.int64) * wrap
+    # An arm may lag by more than half a wrap, but then no whole wraps bring it near throughout.
+    wrong = (np.abs(logged - position) > wrap / 2).any(axis=0)
+    wrong &= (np.abs(reference - position - shift) <= wrap / 2).all(axis=0)
+    if not wrong.any():
+        return {}
+    named = several(label for label, is_wrong in zip(labels, wrong, strict=True) if is_wrong)
+    warn(f"{field} differs from {measured} by whole wraps at {named}; they are taken off")
+    return {
+        measured: position + np.where(wrong, shift, 0),
+        field: np.where(wrong, reference, logged),
+    }
 
 
 def _own_steps(field: str, value: Floats, unit: Unit, rig: Rig) -> dict[str, float]:

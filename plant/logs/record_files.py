@@ -321,7 +321,9 @@ class FromFiles:
             temperature (else ``K``) and ``s`` of time.
         wrap : float or (n,) array_like, optional
             Where the measured position starts again, in its own unit: 2**16 counts, 2 pi rad. It is
-            unwrapped by whole wraps, each the one nearest to the sample before.
+            unwrapped by whole wraps, each the one nearest to the sample before. Where it
+            then differs from a reference in the same unit by whole wraps alone, these are taken
+            off, with a warning.
         law, reference, initial : optional
             As in `Record`; a reference also gives the commanded counts where no column does.
         name : str

@@ -4,6 +4,7 @@ named.
 
 import dataclasses
 import os
+import warnings
 from pathlib import Path
 
 import numpy as np
@@ -293,6 +294,43 @@ def test_unwrapping_is_exact(steps, start, low):
     table = {"c": np.column_stack([wrapped, wrapped.astype(float)])}
     found = record(table, {"counts": "c"}, wrap=4096).counts
     np.testing.assert_array_equal(found, np.column_stack([truth, truth]))
+
+
+TURNING = np.column_stack([3000 * np.sin(3 * T) - 10, 5000 * np.cos(5 * T) - 500]).round()
+
+
+@pytest.mark.parametrize("of_reference", ["both", "one"])
+@pytest.mark.parametrize(
+    ("measured", "reference", "unit", "wrap"),
+    [
+        ("counts", "reference_pulses", "pulses", 4096),
+        ("position", "reference_position", "pulses", 4096.0),
+        ("motor_position", "reference_motor_position", "deg", 360.0),
+    ],
+)
+def test_a_reference_that_starts_again_as_well_is_unwrapped(
+    measured, reference, unit, wrap, of_reference
+):
+    """Both lie about the end of the counter: at the start they are a wrap apart."""
+    goal = TURNING + np.array([20, 30])
+    per = 1 if unit == "pulses" else 360 / RESOLUTION
+    wrapped = [x * per % wrap for x in (TURNING, goal)]
+    table = {"q": wrapped[0], "r": wrapped[1] if of_reference == "both" else goal * per}
+    columns, units = {measured: "q", reference: "r"}, {measured: unit, reference: unit}
+    with pytest.warns(UserWarning, match=f"{reference} .* whole wraps"):
+        found = record(table, columns, units, wrap=wrap)
+    np.testing.assert_array_equal(found.error_pulses, goal - TURNING)
+
+
+def test_a_reference_whose_steps_are_followed_is_no_wrapped_one():
+    """A step of 0.9 wraps, which the counter follows."""
+    counts = np.column_stack([np.linspace(0, 3700, N).round()] * 2)
+    goal = np.where(T[:, None] < 0.1, 0, [3700, 3700])
+    table = {"c": counts % 4096, "r": goal}
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        found = record(table, {"counts": "c", "reference_pulses": "r"}, wrap=4096)
+    np.testing.assert_array_equal(found.error_pulses, goal - counts)
 
 
 def test_angles_are_unwrapped_before_they_are_counted():
