@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping
 
 import numpy as np
 
-from plant.logs.unit_words import without_unit
+from plant.logs.unit_words import unit_named, without_unit
 from plant.logs.units import TIME
 from plant.parts import Floats
 
@@ -125,6 +125,9 @@ _OF_UNITS = {
     "other": ("V", "mV", "W", "Hz"),
 }
 _UNIT_QUANTITIES = {unit: quantity for quantity, units in _OF_UNITS.items() for unit in units}
+# Words of names that are units. Letters and words such as `rot` may also be those of a joint.
+_UNIT_NAMES = "rad radian radians mrad deg degree degrees gon rev revs turns mm sec ms msec us ns"
+_UNIT_WORDS = frozenset(_UNIT_NAMES.split())
 # Times that start above such a number may be Unix times in its unit, of the year 2001 or later;
 # smaller ones are rather those of a clock that started with the machine.
 _UNIX = {"ns": 1e18, "us": 1e15, "ms": 1e12, "s": 1e9}
@@ -194,8 +197,9 @@ class Role:
 def written_out(names: Iterable[str]) -> dict[str, str]:
     """Name -> the name in words: the letters s and i of a pair become `soll` and `ist`.
 
-    The letter c of a joint becomes its number, 3 (`_numbered`). A command of a position that names
-    no quantity gets the word "position" (`_of_positions`).
+    The letter d of `q_d_1` becomes `desired` if there is a `q_1`. The letter c of a joint becomes
+    its number, 3 (`_numbered`). A command of a position that names no quantity gets the word
+    "position" (`_of_positions`).
     """
     every = set(names)
     written = _numbered(every)
@@ -206,6 +210,9 @@ def written_out(names: Iterable[str]) -> dict[str, str]:
             # Without its partner the letter is that of a joint.
             if {f"{front}s{end}", f"{front}i{end}"} <= every:
                 written[name] = front + {"s": "soll", "i": "ist"}[match[1]] + end
+        match = re.search(r"_d(?=[_.\[\]\d]*$)", name)
+        if match is not None and name[: match.start()] + name[match.end() :] in every:
+            written[name] = f"{name[: match.start()]}_desired{name[match.end() :]}"
     return written | _of_positions(written)
 
 
@@ -273,6 +280,10 @@ def role_of(name: str, values: Floats, unit: str | None) -> Role:
     # unit of what deviates.
     if quantity != "error":
         quantity = _UNIT_QUANTITIES.get(unit or "", quantity)
+    # A unit that is part of the name needs no brackets.
+    if unit is None:
+        named = (unit_named(word) or "" for word in words if word in _UNIT_WORDS)
+        unit = next((word for word in named if _UNIT_QUANTITIES[word] == quantity), None)
     # Whole numbers over a wide range are counts, even where the name says position.
     if quantity == "position" and unit is None and _are_counts(values):
         quantity = "counts"
@@ -347,11 +358,6 @@ def _likely_units(quantity: str, words: Iterable[str], values: Floats) -> tuple[
     if quantity == "time":
         return (time_unit(values),) if values.ndim == 1 else ()
     if quantity == "position":
-        # A unit that is part of the name needs no brackets.
-        stated = {"rad": "rad", "deg": "deg", "rev": "turns", "turns": "turns"}
-        named = [unit for word, unit in stated.items() if word in set(words)]
-        if named:
-            return (named[0],)
         if largest > SETTINGS.max_radians:
             shares = ("-100 to 100 of a range",) if largest <= SETTINGS.max_normalised else ()
             return ("deg", *shares)
@@ -407,8 +413,9 @@ def fields_of(roles: Mapping[str, Role], n: int | None) -> dict[str, list[str]]:
         ]
         return max(candidates, key=lambda c: c[:3], default=(0, 0, 0, []))[3]
 
-    # Counts come before angles, which a converter may have rounded.
-    measured = best("counts", size=n) or best("position", size=n)
+    # Counts come before as many angles, which a converter may have rounded; fewer columns of them
+    # count something else, such as samples.
+    measured = max(best("counts", size=n), best("position", size=n), key=len)
     # Other columns must have as many joints as the measured one, else they belong to another arm.
     size = len(measured) or n
     fields = {

@@ -223,6 +223,45 @@ def test_an_error_with_a_unit_is_no_position(tmp_path, error, unit, scale):
     assert {str(contents.roles[name]) for name in errors} == {f"error [{unit}]"}
 
 
+@pytest.mark.parametrize(
+    ("name", "scale", "unit"),
+    [
+        ("q{}_deg", 0.01, "deg"),
+        ("pos_{}_degrees", 0.01, "deg"),
+        ("q{}_mrad", 1e3, "mrad"),
+        ("joint_{}_pos_mm", 300.0, "mm"),
+        ("q{}_gon", 50.0, "gon"),
+        ("rot_pos_{}", 1.0, "rad"),
+    ],
+)
+def test_a_unit_in_a_name_needs_no_brackets(tmp_path, name, scale, unit):
+    columns = {name.format(i + 1): scale * np.sin(T + i) for i in range(n)}
+    assert described(tmp_path, {"t": T} | columns).units["position"] == unit
+
+
+def test_a_period_in_a_name_s_unit_may_be_unusual(tmp_path):
+    assert described(tmp_path, {"time_ms": 0.1 * np.arange(N), "q1": Q[:, 0]}).units["t"] == "ms"
+
+
+@pytest.mark.parametrize("name", ["count", "ticks", "sample_count"])
+def test_a_count_of_samples_is_no_encoder_of_three_joints(tmp_path, name):
+    columns = {"t": T, name: np.arange(N)} | {f"q{i + 1}": Q[:, i] for i in range(n)}
+    assert described(tmp_path, columns).columns["position"] == ["q1", "q2", "q3"]
+
+
+@pytest.mark.parametrize("form", ["{}_{}", "{}[{}]", "{}.{}"])
+def test_the_letter_d_of_a_pair_means_desired(tmp_path, form):
+    """As in the robot states of Franka; without its partner the letter is that of a joint."""
+    of = {"q": Q, "q_d": Q + 0.1, "tau_J": 5 * Q, "tau_J_d": 6 * Q}
+    columns = {form.format(name, i): x[:, i] for name, x in of.items() for i in range(n)}
+    assert described(tmp_path, {"t": T} | columns).columns == {"t": "t"} | {
+        field: [form.format(name, i) for i in range(n)]
+        for field, name in (("position", "q"), ("reference_position", "q_d"), ("torque", "tau_J"))
+    }
+    letters = {f"q_{letter}": Q[:, 0] for letter in "abcd"}
+    assert described(tmp_path, {"t": T} | letters).columns["position"] == list(letters)
+
+
 def test_an_infinite_sample_leaves_the_unit_as_it_is(tmp_path):
     angles = {f"q_{i}": Q[:, i].copy() for i in range(n)}
     angles["q_1"][7] = np.inf
