@@ -250,13 +250,14 @@ class Chain(Part):
     ) -> Chain:
         """A chain, with bodies, from a MuJoCo model of hinges and slides.
 
-        The parameters are those of `from_urdf`. The file gives the gravity, the rotors
-        (``armature``) and the `limits` (``range``, ``actuatorfrcrange``, ``forcerange`` of the
-        actuators). Damping and frictionloss are not read: they belong to the `Drive`. A file may
-        have anything beside the chain. This method refuses springs, tendons and equalities that act
-        on the chain's joints or between its bodies, free and ball joints within the chain, fluids,
-        and bodies of the chain whose mass comes from geoms. It ignores ``gravcomp``, which belongs
-        to a controller, and warns that the bodies keep their weight.
+        The parameters are those of `from_urdf`; joints that are not chosen are held at their
+        ``ref``. The file gives the gravity, the rotors (``armature``) and the `limits` (``range``,
+        ``actuatorfrcrange``, ``forcerange`` of the actuators, and ``ctrlrange`` of those whose
+        force is the control times a gain). Damping and frictionloss are not read: they belong to
+        the `Drive`. A file may have anything beside the chain. This method refuses springs, tendons
+        and equalities that act on the chain's joints or between its bodies, free and ball joints
+        within the chain, fluids, and bodies of the chain whose mass comes from geoms. It ignores
+        ``gravcomp``, which belongs to a controller, and warns that the bodies keep their weight.
         """
         model = read_mjcf(path)
         names = [joint.name for joint in model.chain_joints(joints, base, tip)]

@@ -61,21 +61,26 @@ _ZERO = {
     "compiler": {"settotalmass": "other masses"},
     "option": {"density": "a fluid", "viscosity": "a fluid"},
 }
-# Kinds of actuators.
-_ACTUATORS = (
-    "general",
-    "motor",
-    "position",
-    "velocity",
-    "intvelocity",
-    "damper",
-    "cylinder",
-    "muscle",
-    "adhesion",
-    "dcmotor",
-    "pid",
-    "plugin",
-)
+# Kinds of actuators that MuJoCo makes of a general one, and the attributes that decide whether the
+# force is a gain times the control, as that of a motor. The others have gains of their own.
+_ACTUATORS: dict[str, dict[str, str]] = {
+    "general": {},
+    "motor": {"dyntype": "none", "gaintype": "fixed", "gainprm": "1", "biastype": "none"},
+} | {
+    kind: {"gaintype": kind}
+    for kind in (
+        "position",
+        "velocity",
+        "intvelocity",
+        "damper",
+        "cylinder",
+        "muscle",
+        "adhesion",
+        "dcmotor",
+        "pid",
+        "plugin",
+    )
+}
 # Attributes that name the ends of a constraint, a tendon or a flexible body.
 _JOINT_ENDS = ("joint", "joint1", "joint2")
 _BODY_ENDS = ("body", "body1", "body2")
@@ -258,7 +263,7 @@ class _Reader:
             if child.tag == "joint":
                 self.defaults[name] |= child.attributes
             elif child.tag in _ACTUATORS:
-                self.actuator_defaults[name] |= child.attributes
+                self.actuator_defaults[name] |= _ACTUATORS[child.tag] | child.attributes
         for child in element.all("default"):
             nested = child.attributes.get("class", "")
             self._class(child, self.defaults[name], self.actuator_defaults[name], nested)
@@ -483,19 +488,22 @@ class _Reader:
             element.attributes.get("class", "main"),
             tuple(self.actuator_defaults),
         )
-        # Attributes of the actuator win over those of its class.
-        element = dataclasses.replace(
-            element, attributes=self.actuator_defaults[class_name] | element.attributes
-        )
+        # The kind and the attributes of the actuator win over those of its class.
+        own = _ACTUATORS.get(element.tag, {}) | element.attributes
+        element = dataclasses.replace(element, attributes=self.actuator_defaults[class_name] | own)
         # Of up to six numbers the first acts on a hinge or a slide.
         words = element.attributes.get("gear", "1").split()
         gear = numbers_of(element, "gear", len(words) or 1, "1", where)[0]
         forces = self._range(element, "forcerange", "forcelimited", where)
-        # The control of a motor is its force.
-        controls = forces
-        if element.tag == "motor":
+        effort = np.abs(forces).max()
+        get = element.attributes.get
+        kinds = get("dyntype", "none"), get("gaintype", "fixed"), get("biastype", "none")
+        if kinds == ("none", "fixed", "none"):
+            words = get("gainprm", "1").split()
+            gain = numbers_of(element, "gainprm", len(words) or 1, "1", where)[0]
             controls = self._range(element, "ctrlrange", "ctrllimited", where)
-        effort = min(np.abs(forces).max(), np.abs(controls).max())
+            # A gain of zero makes no force of any control.
+            effort = min(effort, abs(gain) * np.abs(controls).max() if gain else 0.0)
         # A gear of zero passes nothing on, also of an actuator without a limit.
         return float(abs(gear) * effort) if gear else 0.0
 

@@ -193,6 +193,36 @@ def test_limits_and_efforts_are_those_of_mujoco(tmp_path, top, of_joint, of_moto
     np.testing.assert_allclose(chain.limits.effort, efforts(path, names), rtol=1e-12)
 
 
+# As MuJoCo saves its motors; then what else decides whether the control is the force.
+GENERAL = {
+    "a saved motor": ("", 'ctrlrange="-3 2" gear="2"'),
+    "a gain": ("", 'ctrlrange="-3 2" gainprm="-5 0 0"'),
+    "a gain and a force": ("", 'ctrlrange="-3 2" gainprm="5" forcerange="-4 4"'),
+    "the gain of the class": ('<general gainprm="5"/>', 'ctrlrange="-3 2"'),
+    "the motor of the class": ('<general gainprm="5" biastype="affine"/><motor/>', 'ctrlrange="-3 2"'),
+    "a servo": ("", 'ctrlrange="-3 2" gainprm="5" biastype="affine" biasprm="0 -5"'),
+    "the servo of the class": ('<position kp="5"/>', 'ctrlrange="-3 2"'),
+    "a servo without attributes": ("<position/>", 'ctrlrange="-3 2"'),
+    "another gain": ("", 'ctrlrange="-3 2" gaintype="affine" gainprm="1 1e9"'),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("of_class", "of_motor"), GENERAL.values(), ids=GENERAL)
+def test_the_control_of_a_general_actuator_may_be_its_force(tmp_path, of_class, of_motor):
+    path = written(
+        tmp_path,
+        top=f"<default>{of_class}</default>",
+        sections=f'<actuator><general joint="swing" {of_motor}/><motor joint="bend"/></actuator>',
+    )
+    model = mujoco.MjModel.from_xml_path(str(path))
+    is_force = not model.actuator_biastype[0] and not model.actuator_gaintype[0]
+    # The force of a servo grows with its error, which has no end.
+    ends = model.actuator_gainprm[0, 0] * model.actuator_gear[0, 0] * model.actuator_ctrlrange[0]
+    forces = model.actuator_forcerange[0] if model.actuator_forcelimited[0] else np.inf
+    expected = np.minimum(np.abs(ends).max() if is_force else np.inf, np.abs(forces).max())
+    assert agreeing(path).limits.effort.tolist() == [expected, np.inf]
+
+
 def test_actuators_of_no_effort_add_none(tmp_path):
     path = written(
         tmp_path,
