@@ -160,9 +160,8 @@ def contents_of(
     if {"counts", "position", "motor_position"} & fields.keys():
         mapping = {f: names[0] if f == "t" else names for f, names in fields.items()}
         for field, names in fields.items():
-            # A likely unit that needs a constant cannot be stated yet, so the usual one is.
-            likely = [next(iter(roles[name].units), "") for name in names]
-            units = [unit if unit in UNITS[field] else UNITS[field][0] for unit in likely]
+            # A unit of the file that needs a constant is stated as it is: `Record.read` asks for it.
+            units = [next(iter(roles[name].units), UNITS[field][0]) for name in names]
             # Some joints may slide.
             if len(UNITS[field]) > 1:
                 stated[field] = units[0] if len(set(units)) == 1 else units

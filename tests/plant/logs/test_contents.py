@@ -239,6 +239,15 @@ def test_a_unit_in_a_name_needs_no_brackets(tmp_path, name, scale, unit):
     assert described(tmp_path, {"t": T} | columns).units["position"] == unit
 
 
+def test_torques_in_a_unit_that_needs_a_constant_are_in_no_other(tmp_path):
+    """Not in N m, which would be 1000 times as much; reading them asks for the constant."""
+    torques = {f"tau_{i} [mNm]": 5e3 * Q[:, i] for i in range(n)}
+    contents = described(tmp_path, {"t": T} | {f"q_{i}": Q[:, i] for i in range(n)} | torques)
+    assert contents.units["torque"] == "mN m"
+    with pytest.raises(ValueError, match='"N m per mN m": constant'):
+        Record.read(contents.path, rig=RIG, columns=contents.columns, units=contents.units)
+
+
 def test_a_period_in_a_name_s_unit_may_be_unusual(tmp_path):
     assert described(tmp_path, {"time_ms": 0.1 * np.arange(N), "q1": Q[:, 0]}).units["t"] == "ms"
 
