@@ -83,6 +83,7 @@ _COMMANDED = frozenset(
         "goal",
         "demand",
         "asked",
+        "lagesoll",
     ]
 )
 # German logs call commanded and measured positions by these words alone: `soll_1`, `ist_1`.
@@ -101,6 +102,7 @@ _MEASURED = frozenset(
         "ist",
         "istwert",
         "istwerte",
+        "lageist",
         "motor",
         "link",
     ]

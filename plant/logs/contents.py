@@ -160,7 +160,8 @@ def contents_of(
     if {"counts", "position", "motor_position"} & fields.keys():
         mapping = {f: names[0] if f == "t" else names for f, names in fields.items()}
         for field, names in fields.items():
-            # A unit of the file that needs a constant is stated as it is: `Record.read` asks for it.
+            # A unit of the file that needs a constant is stated as it is; `Record.read` asks for
+            # the constant.
             units = [next(iter(roles[name].units), UNITS[field][0]) for name in names]
             # Some joints may slide.
             if len(UNITS[field]) > 1:

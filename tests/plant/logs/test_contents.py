@@ -140,19 +140,26 @@ def test_the_tables_of_a_robot_file_are_those_of_the_description(tmp_path):
 
 @pytest.mark.parametrize(
     ("measured", "commanded"),
-    [("ist_{}", "soll_{}"), ("ang_i_{}", "ang_s_{}"), ("Winkel_Ist_{}", "Winkel_Soll_{}")],
+    [
+        ("ist_{}", "soll_{}"),
+        ("ang_i_{}", "ang_s_{}"),
+        ("Winkel_Ist_{}", "Winkel_Soll_{}"),
+        ("Lageist_{}", "Lagesoll_{}"),
+    ],
 )
 @pytest.mark.parametrize("joints", ["123", "abc"])
-def test_german_columns_are_told(tmp_path, measured, commanded, joints):
+@pytest.mark.parametrize("order", [1, -1])
+def test_german_columns_are_told(tmp_path, measured, commanded, joints, order):
     """A letter behind a word names a joint: it is neither a current nor a count."""
-    names = [form.format(joint) for form in (measured, commanded) for joint in joints]
+    forms = (measured, commanded)[::order]
+    names = [form.format(joint) for form in forms for joint in joints]
     head = ";".join(["Zeit", *names, *(f"Strom_{joint}" for joint in joints)])
     rows = np.column_stack([T, Q, Q, Q])
     np.savetxt(tmp_path / "a.csv", rows, header=head, delimiter=";", comments="")
     contents = Record.read(tmp_path / "a.csv")
     assert contents.columns["t"] == "Zeit"
-    assert contents.columns["position"] == names[:3]
-    assert contents.columns["reference_position"] == names[3:]
+    fields = ("position", "reference_position")[::order]
+    assert [contents.columns[field] for field in fields] == [names[:3], names[3:]]
     assert len(contents.columns["current"]) == 3
 
 
