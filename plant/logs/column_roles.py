@@ -282,10 +282,7 @@ def role_of(name: str, values: Floats, unit: str | None) -> Role:
     # unit of what deviates.
     if quantity != "error":
         quantity = _UNIT_QUANTITIES.get(unit or "", quantity)
-    # A unit that is part of the name needs no brackets.
-    if unit is None:
-        named = (unit_named(word) or "" for word in words if word in _UNIT_WORDS)
-        unit = next((word for word in named if _UNIT_QUANTITIES[word] == quantity), None)
+    unit = unit if unit is not None else _unit_in(name, words, quantity)
     # Whole numbers over a wide range are counts, even where the name says position.
     if quantity == "position" and unit is None and _are_counts(values):
         quantity = "counts"
@@ -295,6 +292,16 @@ def role_of(name: str, values: Floats, unit: str | None) -> Role:
         units=(unit,) if unit is not None else _likely_units(quantity, words, values),
         group=(folder_of(name), *(word for word in words if word in _VOCABULARY)),
     )
+
+
+def _unit_in(name: str, words: Iterable[str], quantity: str) -> str | None:
+    """The unit that is part of a name, such as deg of `q1_deg`; None without one."""
+    # A multiple of a unit, as in `q1 [deg/10]`, is stated as it is: no rule says how large it is.
+    bracketed = re.search(r"[\[(]([^\[\]()]*)[\])]$", name)
+    if bracketed is not None and not _UNIT_WORDS.isdisjoint(_words(bracketed[1])):
+        return bracketed[1]
+    named = (unit_named(word) or "" for word in words if word in _UNIT_WORDS)
+    return next((unit for unit in named if _UNIT_QUANTITIES[unit] == quantity), None)
 
 
 def folder_of(name: str) -> str:

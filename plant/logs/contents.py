@@ -271,6 +271,8 @@ def _rate(times: Floats | None, unit: str) -> str:
     """Period, duration and gaps of times (N,), in words."""
     if times is None or len(times) < 2:
         return "no column; samples are taken as one period of the rig apart"
+    if unit not in TIME:
+        return f"in {unit}, which needs a constant"
     # Unix times in nanoseconds are whole numbers beyond the digits of a float.
     t = (times - times[0]) / TIME[unit]
     steps = np.diff(t)

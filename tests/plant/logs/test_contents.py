@@ -246,6 +246,20 @@ def test_a_unit_in_a_name_needs_no_brackets(tmp_path, name, scale, unit):
     assert described(tmp_path, {"t": T} | columns).units["position"] == unit
 
 
+@pytest.mark.parametrize("unit", ["deg/10", "0.1 deg", "1e-3 rad", "N mm"])
+def test_a_multiple_of_a_unit_is_not_taken_for_the_unit(tmp_path, unit):
+    field, name = ("torque", "tau") if "N" in unit else ("position", "q")
+    columns = {f"q_{i} [rad]": Q[:, i] for i in range(n)} if "N" in unit else {}
+    columns |= {f"{name}_{i} [{unit}]": 300 * Q[:, i] for i in range(n)}
+    assert described(tmp_path, {"t": T} | columns).units[field] == unit
+
+
+def test_times_in_a_multiple_of_a_unit_have_no_rate_yet(tmp_path):
+    contents = described(tmp_path, {"t [0.1 ms]": 1e4 * T, "q1 [rad]": Q[:, 0]})
+    assert contents.units["t"] == "0.1 ms"
+    assert "0.1 ms" in contents.rate
+
+
 def test_torques_in_a_unit_that_needs_a_constant_are_in_no_other(tmp_path):
     """Not in N m, which would be 1000 times as much; reading them asks for the constant."""
     torques = {f"tau_{i} [mNm]": 5e3 * Q[:, i] for i in range(n)}
