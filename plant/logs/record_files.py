@@ -198,8 +198,8 @@ class FromFiles:
         held: bool = False,
         torque_delay: int = 0,
     ) -> "Self | LogContents":
-        """Read mapped columns of a log in any format that `read_table` knows by its ending, or a
-        folder's contents.
+        """Read mapped columns of a log in any format of `read_table`, which knows a file by its
+        ending and a folder by its contents.
 
         Without `columns`, it returns the record of a file of `to_csv`. For any other file it prints
         the contents, with a mapping to begin with, and returns them as a `LogContents`. In a log of

@@ -221,8 +221,8 @@ def require_limit(
     joint = int(np.argmax(peak / limit))
     # Offer only a unit in which no joint exceeds its limit.
     fits = [
-        unit
-        for unit, factor in alternatives.items()
+        other
+        for other, factor in alternatives.items()
         if (peak * np.abs(factor) <= CHECKS.limit_factor * limit).all()
     ]
     advice = " or ".join(map(repr, fits)) + " would fit."
@@ -283,12 +283,11 @@ def converted(field: str, value: NDArray[Any], unit: Unit, rig: Rig) -> dict[str
         else "counts"
     )
     if unit == "pulses":
-        # Only 'reference_position' may lie between two pulses; all other fields must be whole,
-        # unless the encoder is smooth.
-        is_position = field == "reference_position"  # between two pulses, too
+        # A commanded position may lie between two pulses; what is counted is whole, unless the
+        # encoder is smooth.
         return {
             name: rig.encoder.quantised(value.astype(float))
-            if is_position
+            if field == "reference_position"
             else _whole(field, value, rig)
         }
     return {name: _counted(field, value, unit, rig)}
