@@ -30,7 +30,7 @@ MEASURED = ("position", "motor_position", "counts", "error_pulses")
 _PATH_FIELDS = ("reference_position", "reference_motor_position")
 _PARTIAL = ("link_position",)  # the mapping gives None for each joint without such a column
 _FIELDS = (*UNITS, "valid")
-_KELVIN = 273.15  # 0 degC
+_KELVIN = 273.15  # 0 degC [K]
 
 
 @frozen_settings
