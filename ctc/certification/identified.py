@@ -19,7 +19,8 @@ from ctc.verdict import with_gears
 from identification import Identification
 from identification.preparation import prepare
 from identification.procedure import search
-from identification.search import Fit
+from identification.results import detect
+from identification.search import Fit, Problem
 from plant import Arm, Elasticity
 from plant.parts import (
     Checkpoint,
@@ -145,6 +146,7 @@ def _fitted(
     arm = identification.arm
     # 2. From low to high; each fit begins with the inertia of the one before.
     fits = dict[float, Fit]()
+    arms = dict[float, Arm]()
     rounds = SETTINGS.first_rounds
     with progress_bar(count + rounds - 1, "fits on gears", "fit", progress) as bar:
         for fraction in np.linspace(0, 1, count) if count > 1 else [0.5]:
@@ -159,12 +161,19 @@ def _fitted(
                     break
                 # The stiffness of the next gears follows from this arm's inertia.
                 arm, fits[fraction] = fitted
+                arms[fraction] = arm
     # 3. Resonances that the log contradicts have no fit; the nearest stands for them.
     if not fits:
         return None
     places = np.array([*fits])
     values = np.array([fit.values for fit in fits.values()])
-    covariances = np.array([fit.covariance for fit in fits.values()])
+    # A fit counts the noise of the log alone. What tolerances and the scatter between segments add
+    # is taken from the middle of the range: a resonance hardly changes it.
+    middle = min(fits, key=lambda fraction: abs(fraction - 0.5))
+    hz = np.exp(low + middle * (high - low))
+    widening = functools.partial(_beside_noise, identification, arms[middle], hz, ratio, pose)
+    beside_noise = checkpoint.stage("tolerances on gears", widening)
+    covariances = np.array([fit.covariance + beside_noise for fit in fits.values()])
     for shared in (places, values, covariances):
         shared.setflags(write=False)  # all certificates of this range have the same arrays
     return Refits(places=places, values=values, covariances=covariances)
@@ -175,30 +184,48 @@ def _on_gears(
 ) -> tuple[Arm, Fit] | None:
     """Arm and fit of the records on gears with this resonance [Hz]; None if no fit exists."""
     try:
-        gears = Elasticity.from_resonance(arm, hz, ratio, drive=identification.rig.drive, q=pose)
-        records = [
-            dataclasses.replace(record, rig=with_gears(record.rig, gears))
-            for record in identification.records
-        ]
-        # As the identification was prepared, on gears in place of rigid drives.
-        problem = prepare(
-            dynamics=identification.arm.dynamics,
-            records=records,
-            unknown=identification.fit.unknown,
-            held_out=(),
-            method="prediction_error",
-            ranges=identification.search.ranges,
-            settings=None,
-            seed=identification.search.seed,
-            zeros=False,
-            options={},
-            prior=identification.fit.prior,
-        )
+        problem = _prepared(identification, arm, hz, ratio, pose)
         fit = search(problem).fit
     except ValueError:  # the log contradicts such gears, or they cannot carry the arm
         return None
     refitted, _, _ = problem.parts(fit.values)
     return None if fit.covariance is None else (refitted, fit)
+
+
+def _beside_noise(
+    identification: Identification, arm: Arm, hz: Any, ratio: float, pose: ArrayLike
+) -> Floats:
+    """Covariance (k, k) that tolerances and scatter add to that of noise, on gears of an arm."""
+    problem = _prepared(identification, arm, hz, ratio, pose)
+    outcome = search(problem)
+    widened = detect(problem, outcome.fit, outcome).widened(outcome.fit)
+    names = outcome.fit.unknown
+    return widened.covariance_of(names) - outcome.fit.covariance_of(names)
+
+
+def _prepared(
+    identification: Identification, arm: Arm, hz: Any, ratio: float, pose: ArrayLike
+) -> Problem:
+    """The problem of the records, on gears with this resonance [Hz] in place of rigid drives."""
+    gears = Elasticity.from_resonance(arm, hz, ratio, drive=identification.rig.drive, q=pose)
+    records = [
+        dataclasses.replace(record, rig=with_gears(record.rig, gears))
+        for record in identification.records
+    ]
+    return prepare(
+        dynamics=identification.arm.dynamics,
+        records=records,
+        unknown=identification.fit.unknown,
+        held_out=(),
+        method="prediction_error",
+        ranges=identification.search.ranges,
+        settings=None,
+        seed=identification.search.seed,
+        zeros=False,
+        options={},
+        tolerances=identification.search.tolerances,
+        prior=identification.fit.prior,
+    )
 
 
 @frozen

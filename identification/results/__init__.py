@@ -32,6 +32,7 @@ from identification.results.seen import (
     origins,
     seen,
 )
+from identification.results.stepwise import detect
 from identification.results.summary import (
     SummarySettings,
     doubts,
@@ -63,6 +64,7 @@ __all__ = [
     "counted",
     "covariance_of_f",
     "cut_off",
+    "detect",
     "doubts",
     "draw_intervals",
     "drifting",

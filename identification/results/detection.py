@@ -106,12 +106,7 @@ class Detection(Shown, Frozen):
         # machine.
         fit = fit if self.mean is None else self.mean
         # Without a covariance, or with unknown gears, `detect` gives no scatter.
-        if (
-            fit.covariance is None
-            or fit.resonance is not None
-            or self.doubt is None
-            or self.grouped is None
-        ):
+        if fit.covariance is None or fit.finds_gears or self.doubt is None or self.grouped is None:
             return fit
         return replace(
             fit,

@@ -126,6 +126,8 @@ def drifting(identification: Any) -> str:
 
 def counted(identification: Any) -> str:
     """What the intervals count, and the share of it that tolerances are."""
+    if identification.fit.finds_gears:
+        return "intervals count noise alone, no tolerance of the rig: its gears are unknown"
     tolerances = identification.search.tolerances
     text = f"intervals count noise and {tolerances}"
     shares = by_tolerances(identification)

@@ -91,7 +91,7 @@ def detect(problem: Problem, fit: Fit, outcome: Outcome, delay: float = 0.0) -> 
         )
     except (ValueError, np.linalg.LinAlgError) as error:
         return Detection(reason=str(error))
-    if fit.covariance is None or fit.resonance is not None:
+    if fit.covariance is None or fit.finds_gears:
         return detection
     # Outside the try block: if the variance between records cannot be computed, this must raise.
     grouped, between = doubt.grouped(problem.unknown, fit.covariance, added)

@@ -223,6 +223,11 @@ class Fit(Shown, Frozen):
         return covariance_of(names, self.unknown, self.covariance)
 
     @property
+    def finds_gears(self) -> bool:
+        """Whether numbers of elastic gears are among the unknowns."""
+        return any(name.startswith("drive.elasticity") for name in self.unknown)
+
+    @property
     def _required_covariance(self) -> Floats:
         if self.covariance is None:
             # The most specific explanation first.

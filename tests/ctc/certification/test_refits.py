@@ -10,7 +10,7 @@ from uncertain import with_uncertainty
 
 from ctc import ComputedTorque, Uncertainty, certify, sweep_resonance
 from ctc.certification import draw, refits
-from identification import identify
+from identification import Tolerances, identify
 from plant import Elasticity, puma560, simulate
 
 fits_on_gears = importlib.import_module("ctc.certification.identified")
@@ -20,18 +20,20 @@ START = PATH(np.zeros(1)).q[0]
 HZ, RATIO = 60.0, 0.02
 
 
-def taken_for_rigid(duration):
+def taken_for_rigid(duration, **options):
     """The identification of an elastic arm from a log of so many seconds."""
     gears = Elasticity.from_resonance(ARM, HZ, RATIO, drive=RIG.drive, q=START)
     rig = dataclasses.replace(RIG, drive=dataclasses.replace(RIG.drive, elasticity=gears))
     log = simulate(ARM, rig, puma560.p_law(), PATH, duration=duration, steps_per_sample=16)
-    return identify(ARM.dynamics, dataclasses.replace(log, rig=RIG), seed=1, progress=False)
+    log = dataclasses.replace(log, rig=RIG)
+    return identify(ARM.dynamics, log, seed=1, progress=False, **options)
 
 
 @pytest.fixture(scope="module")
 def found():
-    """From as much as the values of the fits need."""
-    return taken_for_rigid(PATH.duration)
+    """From as much as the values of the fits need, of a rig whose numbers are exact."""
+    exact = Tolerances(gear=0.0, offset=0.0, friction=0.0)
+    return taken_for_rigid(PATH.duration, tolerances=exact)
 
 
 @pytest.fixture(scope="module")
@@ -56,6 +58,18 @@ def test_the_fit_at_the_resonance_of_the_robot_is_nearest_to_it(found, again):
 
     away = [np.abs(row - ARM.f).sum() for row in again.values]
     assert np.argmin(away) == len(again.places) // 2
+
+
+def test_tolerances_of_the_rig_hold_on_gears_as_well(brief):
+    """Gears that are stated make no arm better known."""
+    ranges = ((0.9 * HZ, 1.1 * HZ),), (RATIO, RATIO), START
+    exact = taken_for_rigid(1.5, tolerances=Tolerances(gear=0.0, offset=0.0, friction=0.0))
+    wide, narrow = (
+        np.diagonal(refits(found, *ranges).covariances, axis1=1, axis2=2)
+        for found in (brief, exact)
+    )
+    assert (wide >= narrow).all()
+    assert (wide > 2 * narrow).any()
 
 
 @pytest.mark.slow
