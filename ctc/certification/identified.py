@@ -173,7 +173,8 @@ def _fitted(
     hz = np.exp(low + middle * (high - low))
     widening = functools.partial(_beside_noise, identification, arms[middle], hz, ratio, pose)
     beside_noise = checkpoint.stage("tolerances on gears", widening)
-    covariances = np.array([fit.covariance + beside_noise for fit in fits.values()])
+    of_noise = [fit.covariance_of(fit.unknown) for fit in fits.values()]
+    covariances = np.array(of_noise) + beside_noise
     for shared in (places, values, covariances):
         shared.setflags(write=False)  # all certificates of this range have the same arrays
     return Refits(places=places, values=values, covariances=covariances)

@@ -68,7 +68,7 @@ def test_tolerances_of_the_rig_hold_on_gears_as_well(brief):
         np.diagonal(refits(found, *ranges).covariances, axis1=1, axis2=2)
         for found in (brief, exact)
     )
-    assert (wide >= narrow).all()
+    assert (wide > 0.999 * narrow).all()
     assert (wide > 2 * narrow).any()
 
 
