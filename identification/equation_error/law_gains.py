@@ -50,11 +50,12 @@ def with_numbers(law: Any, factor: float, names: list[str]) -> Any:
     return law.with_numbers([*(numbers | scaled).values()])
 
 
-def main_gain(record: Record) -> MainGain | None:
+def main_gain(record: Record, under_way: bool) -> MainGain | None:
     """The main gain of the law of a record; None if the law has no number that is not zero.
 
     Only of a law with memory whose torque was not logged. None of a law that acts between the rows
     of its log, or through an inner loop: the torques along the rows are not those that it gave.
+    `under_way`: whether the law was at work before its log.
     """
     law: Any = record.law
     numbers = own_numbers(law)
@@ -64,5 +65,5 @@ def main_gain(record: Record) -> MainGain | None:
     # mistakes, and the corrections could not be compared.
     name, places = next(iter(numbers.items()))
     other = replace(record, law=with_numbers(law, 1 + SMALL, places))
-    effect = (torque_along_log(other) - torque_along_log(record)) / SMALL
-    return MainGain(name=name, by_joint="[" in places[0], effect=effect)
+    change = torque_along_log(other, under_way) - torque_along_log(record, under_way)
+    return MainGain(name=name, by_joint="[" in places[0], effect=change / SMALL)

@@ -173,17 +173,41 @@ def along_log(record: Record, *, unknown_law: bool = False) -> Record:
     return reading(record, resumed)
 
 
-def torque_along_log(record: Record) -> Floats:
+def torque_along_log(record: Record, under_way: bool) -> Floats:
     """Joint torque (N, n) [N m] that a sampled law with memory gives along the counts of its log.
 
-    Unless its state is known, its filters start as if counts and reference had moved before the log
-    as they move in its first samples: filters at rest would take the first counts for a jump.
+    `under_way`: whether the law was at work before, see `is_under_way`. Its filters then start as
+    if counts and reference had moved before the log as they move in its first samples.
     """
+    return law_torque(_begun(record, under_way))
+
+
+def is_under_way(dynamics: Dynamics, record: Record) -> bool:
+    """Whether f explains the torque of a sampled law better if the law was at work before its log.
+
+    Of a law that was, filters at rest would take the first counts for a jump. Of a law that began
+    with its log, a state as after a motion is wrong, and an observer may keep that error.
+    """
+    if isinstance(record.law, Resumed):
+        return False
+    names = linear(dynamics, record.rig, dynamics.names)
+    # A band in two octaves suffices to compare.
+    bands = BANDS[BAND_MOST / record.rig.period > BANDS][::4]
+    least = []
+    for under_way in (False, True):
+        along = _begun(record, under_way)
+        run = run_law(along)
+        least.append(min(_unexplained(dynamics, along, names, run, band) for band in bands))
+    began, at_work_before = least
+    return not began < at_work_before
+
+
+def _begun(record, under_way):
+    """The record with its law reading the log from its first state, or from one under way."""
     along = along_log(record)
-    law: Any = along.law
-    if not isinstance(record.law, Resumed):
-        along = _moved(along, run_law(_before(along)).states[-1] - law.state)
-    return law_torque(along)
+    if not under_way:
+        return along
+    return _moved(along, run_law(_before(along)).states[-1] - along.law.state)
 
 
 def reading(record: Record, law: Resumed) -> Record:
@@ -397,11 +421,15 @@ def _changed(dynamics, record, unknown, run, change, band):
 
 
 def _unexplained(dynamics, record, unknown, run, band):
-    """Share of the torque of a run that f leaves; infinite where the law diverges."""
+    """Share of the torque of a run that f leaves; infinite where the law diverges, or none fits."""
     if not np.isfinite(run.given).all():
         return np.inf
-    equations = _equations(dynamics, record, unknown, run, band)
-    return weighted(dynamics, tuple(unknown), [equations]).relative_error
+    try:
+        equations = _equations(dynamics, record, unknown, run, band)
+        return weighted(dynamics, tuple(unknown), [equations]).relative_error
+    except ValueError:
+        # Too few equations in this band, or unknowns that are not separately identifiable.
+        return np.inf
 
 
 def _equations(dynamics, record, unknown, run, band, columns=()):

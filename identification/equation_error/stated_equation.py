@@ -15,7 +15,7 @@ import numpy as np
 
 from identification.equation_error.filters import derivatives, low_pass
 from identification.equation_error.law_gains import MainGain, main_gain
-from identification.equation_error.law_memory import torque_along_log
+from identification.equation_error.law_memory import is_under_way, torque_along_log
 from identification.equation_error.leaning_base import LeaningBase
 from identification.equation_error.regressor import regressor_along
 from identification.equation_error.torque_logs import TorqueLog
@@ -221,9 +221,12 @@ class TorqueEquation:
         stated = record
         logged = record.torque is not None or record.current is not None
         sampled = not logged and law is not None and bool(law.period) and law.has_memory(record.n)
+        gain = None
         if sampled:
             # The law's torque stands in for one that was not logged.
-            record = replace(record, torque=torque_along_log(record))
+            under_way = is_under_way(dynamics, record)
+            record = replace(record, torque=torque_along_log(record, under_way))
+            gain = main_gain(stated, under_way)
         signals = Signals(record)
         if signals.motor_torque is None or not signals.long_enough:
             return None
@@ -246,7 +249,7 @@ class TorqueEquation:
             commanded=not logged,
             record=stated,
             signals=signals,
-            main_gain=main_gain(stated) if sampled else None,
+            main_gain=gain,
         )
 
     @classmethod
