@@ -5,6 +5,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from plant.checkup.along_log import at_times, sample_times
 from plant.checkup.filtered import centred
 from plant.checkup.hypothesis import Joints, columns_of
 from plant.checkup.quantisation import grid, noted_steps
@@ -214,7 +215,7 @@ BETWEEN_ROWS = (0.25, 0.75, 1.25, 1.5, 1.75, 2.25, 2.5)
 torque of a PID is that of the log within 0.2 samples of the right delay."""
 
 TORQUE_DELAYS = (-1.0, -0.5, 0.5, 1.0, 2.0, 4.0, 8.0)
-"""The same of torques, which no cause makes early by much."""
+"""The same of torques, which no cause makes early by much. Longer delays follow from the log."""
 
 
 def delay_sizes(sizes: tuple[float, ...]) -> Callable[..., tuple[float, ...]]:
@@ -260,6 +261,44 @@ class Delay(NamedTuple):
     jerk_std: Floats
     by_speed: Floats
     speed_std: Floats
+
+
+def torque_delays(experiment: Experiment, joints: Joints) -> tuple[float, ...]:
+    """Delays of torques that are tried: short ones, and that at which they are most like the law's.
+
+    Where no law tells the torque, all torques are tried with some longer delays.
+    """
+    sizes = delay_sizes(TORQUE_DELAYS)(experiment, joints)
+    longest = SETTINGS.latest / experiment.signals.interval
+    correlations = experiment.once(_correlations)
+    if correlations is None:
+        if joints:
+            return sizes
+        doubled = sizes[-1] * 2.0 ** np.arange(1, 5)
+        return (*sizes, *doubled[doubled < longest].tolist())
+    like = correlations[: int(longest) + 2, columns_of(joints)].sum(axis=1)
+    size = float(like.argmax())
+    # Its neighbours bound the search for the best size.
+    return tuple(sorted({*sizes, size - 1.0, size, size + 1.0})) if size > 1 else sizes
+
+
+def _correlations(experiment):
+    """Correlation (K, n) of the logged torques with those of the law so many samples before."""
+    from scipy.signal import correlate
+
+    along = None if experiment.torques_of_law is None else experiment.torque_along
+    if along is None or not np.isfinite(along).all():
+        return None
+    signals = experiment.signals
+    drive = experiment.record.rig.drive
+    t = sample_times(signals, len(along))
+    logged = drive.joint_torque(at_times(t, signals.t, np.asarray(signals.torque)))
+    columns = []
+    for law, torque in zip(along.T, logged.T, strict=True):
+        before, after = (x - x.mean() for x in (law, torque))
+        size = np.sqrt(np.mean(before**2) * np.mean(after**2)) or 1.0
+        columns.append(correlate(after, before, method="fft")[len(along) - 1 :] / size)
+    return np.transpose(columns)
 
 
 def delays(experiment: Experiment) -> Delay | None:
@@ -405,6 +444,41 @@ def _likelier(experiment, commanded, difference, columns):
     floor = SETTINGS.command * (commanded**2).sum()
     shares = [(x**2).sum() + floor for x in (difference, difference - columns @ value)]
     return value, experiment.filter.equations / 2 * float(np.log(shares[0] / shares[1]))
+
+
+def zero_evidence(experiment: Experiment, joints: Joints) -> Any:
+    """Log odds of a reference with another zero, by the mean of the law's torque.
+
+    None of a law with memory, or if no torque is logged: the score then shows it. A scale of the
+    torque, as of other gains or units, explains a part of the mean, and is no evidence.
+    """
+    torque, commanded = experiment.signals.torque, experiment.commanded
+    if torque is None or commanded is None or not experiment.long_enough:
+        return None
+    chosen = columns_of(joints)
+    law, logged = commanded[:, chosen].ravel(), torque[:, chosen].ravel()
+    scale, constant = np.polynomial.polynomial.polyfit(law, logged, 1)[::-1]
+    error = (np.asarray(experiment.signals.reference) - experiment.signals.counts)[:, chosen]
+    # The gain [N m/pulse] of the law, for which a shift of the zero is one of the torque.
+    gain = np.polynomial.polynomial.polyfit(error.ravel(), law, 1)[1]
+    if not scale * gain:
+        return ()
+    least = np.mean((logged - law * (law @ logged) / (law @ law)) ** 2)
+    beside = np.mean((logged - scale * law - constant) ** 2)
+    floor = SETTINGS.another_zero * np.mean(logged**2)
+    odds = experiment.filter.equations / 2 * np.log((least + floor) / (beside + floor))
+    return ((float(-constant / (scale * gain)), float(odds)),)
+
+
+def mean_errors(experiment: Experiment, joints: Joints) -> tuple[float, ...]:
+    """The median error [pulses], where it is large against how the error changes in the log."""
+    if experiment.signals.reference is None:
+        return ()
+    chosen = columns_of(joints)
+    error = (np.asarray(experiment.signals.reference) - experiment.signals.counts)[:, chosen]
+    middle = float(np.median(error))
+    changes = float(np.sqrt(np.mean((error - middle) ** 2)))
+    return (middle,) if abs(middle) > max(1.0, SETTINGS.shifted * changes) else ()
 
 
 def rate_evidence(experiment: Experiment, joints: Joints) -> Any:

@@ -56,6 +56,15 @@ class ScoreSettings:
     swinging : float
         Share of a torque that the motion leaves unexplained where an arm swings freely: twice
         differentiated counts are noise beside its torque.
+    latest : float
+        Delay of logged torques [s] up to which they are compared with those of the law. Chosen by
+        hand: torques that a driver filters, or sends in packets, are late by 40 ms.
+    another_zero : float
+        Share of the mean square of a logged torque that its constant must exceed to show another
+        zero of the reference. Smaller constants are offsets of current sensors. Chosen by hand.
+    shifted : float
+        Median of an error, over its changes (rms), from which on a reference with another zero is
+        tried. Chosen by hand.
     dependent_motion : float
         Samples that count as one equation of motion, since its residual changes with the pose.
     dependent_time : float
@@ -73,6 +82,9 @@ class ScoreSettings:
     like: float = 0.1
     limited: float = 0.5
     swinging: float = 0.05
+    latest: float = 0.15
+    another_zero: float = 0.25
+    shifted: float = 3.0
     dependent_motion: float = 50.0
     dependent_time: float = 0.035
 

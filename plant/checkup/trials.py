@@ -192,7 +192,7 @@ def _silent(experiment, joints):
 
 def _shift(samples):
     """A delay in words, and the option of `Record.from_csv` that puts late torques right."""
-    amount = f"{abs(samples):.2g}"
+    amount = f"{abs(samples):.3g}" if abs(samples) > 10 else f"{abs(samples):.2g}"
     unit = "sample" if amount == "1" else "samples"
     option = ""
     # An export is late by whole rows.

@@ -302,6 +302,15 @@ def scaled_reference(record: Any, joints: Joints, size: float) -> Any:
     return with_reference(record, pulses)
 
 
+def shifted_reference(record: Any, joints: Joints, pulses: float) -> Any:
+    """Take so many pulses off the references of some joints."""
+    _needs_reference(record)
+    shift = np.zeros(record.n)
+    shift[columns_of(joints)] = np.rint(pulses)
+    path = _path_moved(record, np.ones(record.n), -record.rig.to_angle(shift))
+    return with_reference(record, record.reference_pulses - shift, path)
+
+
 def scaled_both(factor: Callable[[Any], Any] | None = None) -> Callable[..., Any]:
     """Divide counts and reference by a factor of the rig, or by the size."""
 

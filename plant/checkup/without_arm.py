@@ -12,7 +12,6 @@ import numpy as np
 
 from plant.checkup.evidence import (
     DELAYS,
-    TORQUE_DELAYS,
     command_ratios,
     delay_evidence,
     delay_sizes,
@@ -21,6 +20,7 @@ from plant.checkup.evidence import (
     gains_evidence,
     grid_evidence,
     inverse_slopes,
+    mean_errors,
     model_evidence,
     period_evidence,
     radian_evidence,
@@ -30,9 +30,11 @@ from plant.checkup.evidence import (
     slopes,
     steps_evidence,
     time_unit_evidence,
+    torque_delays,
     torque_ratios,
     used_limits,
     viscous_evidence,
+    zero_evidence,
 )
 from plant.checkup.gain_units import GAINS, other_gains, unit_evidence
 from plant.checkup.hypothesis import Hypothesis, Joints, each_joint, pairs
@@ -59,6 +61,7 @@ from plant.checkup.undo import (
     scaled_counts,
     scaled_reference,
     scaled_torque,
+    shifted_reference,
     signed_magnitude,
     torques_in_time,
     turned_counts,
@@ -281,6 +284,21 @@ def _units_of_one() -> Iterator[Hypothesis[Any]]:
                 sizes=(factor,),
             )
 
+    yield Hypothesis(
+        name="zero of reference",
+        check="gear sign",
+        sentence="Reference and counts of {joint} have zeros that are {value:.5g} pulses apart",
+        remedy="Take them off the reference, or add them to the counts. If they are few, the logged"
+        " torque may have an offset instead.",
+        undo=shifted_reference,
+        measurement="Hold the joint at a stop, and read both.",
+        scope=each_joint,
+        evidence=zero_evidence,
+        suggested=mean_errors,
+        against=5.0,
+        unit="pulses",
+    )
+
 
 def _resolutions() -> Iterator[Hypothesis[Any]]:
     """Yield the rows: a wrong unit or resolution of the counts."""
@@ -489,7 +507,7 @@ def _sizes() -> Iterator[Hypothesis[Any]]:
             undo=torques_in_time,
             measurement=_STEP,
             scope=scope,
-            suggested=delay_sizes(TORQUE_DELAYS),
+            suggested=torque_delays,
             tolerance=2.0,
             # An export is late by whole rows.
             whole=True,

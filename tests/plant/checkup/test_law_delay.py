@@ -222,3 +222,16 @@ def test_a_joint_that_is_later_than_the_others_has_both_delays():
         counts[:samples, joint] = record.counts[0, joint]
     shifted = dataclasses.replace(record, error_pulses=record.reference_pulses - counts)
     assert told(shifted) == [2, 5]
+
+
+@pytest.mark.parametrize("name", ["PID", "computed torque"])
+@pytest.mark.parametrize("samples", [7, 57])
+def test_torques_that_a_driver_sends_late_are_named_with_their_delay(name, samples):
+    """Beyond a few rows, torques of a law with memory are unlike those of any shorter delay."""
+    record = log(name)
+    late_torque = np.roll(record.torque, samples, axis=0)
+    late_torque[:samples] = record.torque[0]
+    found = dataclasses.replace(record, torque=late_torque).check().causes[0]
+    assert found.name == "late torques"
+    assert found.size == samples
+    assert found.joints == ()
