@@ -12,6 +12,7 @@ from plant.checkup.quantisation import grid, noted_steps
 from plant.checkup.rounding import rounding_log_odds
 from plant.checkup.score import SETTINGS, Experiment
 from plant.checkup.stamps import chance_of_period, unit_of_time
+from plant.checkup.torque_regression import SETTINGS as REGRESSION
 from plant.checkup.torque_regression import TorqueRegression, least_squares
 from plant.checkup.undo import (
     SLACK,
@@ -22,6 +23,7 @@ from plant.checkup.undo import (
     other_resolution,
     scaled_counts,
     scaled_reference,
+    with_gravity,
 )
 from plant.laws import block_of
 from plant.parts import Floats
@@ -444,6 +446,24 @@ def _likelier(experiment, commanded, difference, columns):
     floor = SETTINGS.command * (commanded**2).sum()
     shares = [(x**2).sum() + floor for x in (difference, difference - columns @ value)]
     return value, experiment.filter.equations / 2 * float(np.log(shares[0] / shares[1]))
+
+
+def gravity_evidence(experiment: Experiment, joints: Joints) -> Any:
+    """Log odds of gravity that a logged torque lacks, by slow steps of a law with memory.
+
+    None of another law: the score compares its torque, not steps. Quick steps of the torque are
+    those of the law, as gravity hardly changes meanwhile.
+    """
+    if experiment.slow_command is None:
+        return None
+    changed = experiment.changed(with_gravity(experiment.record, joints, 1.0))
+    before, after = (np.asarray(each.slow_command) for each in (experiment, changed))
+    # Where the state of the law before the log is unknown, so may be its torque.
+    if (after > SETTINGS.like * before).any():
+        return ()
+    windows = experiment.filter.equations / REGRESSION.per_window
+    explained = np.log((before + SETTINGS.steps) / (after + SETTINGS.steps))
+    return ((1.0, float(windows / 2 * explained.sum())),)
 
 
 def zero_evidence(experiment: Experiment, joints: Joints) -> Any:

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from plant.checkup.along_log import at_times, sample_times
 from plant.checkup.hypothesis import Joints, columns_of
 from plant.checkup.score import Experiment
 from plant.checkup.signals import Signals
@@ -223,17 +224,22 @@ def rescaled_torque(record: Any, joints: Joints, size: float) -> Any:
 def with_gravity(record: Any, joints: Joints, size: float) -> Any:
     """Add to the logged torque what it lacks of the commanded one and depends on the pose."""
     experiment = Experiment(record)
-    commanded, logged = experiment.commanded, experiment.signals.torque
-    if commanded is None or logged is None:
-        raise ValueError("the record must have a torque and a law without memory. Log both.")
+    signals, drive = experiment.signals, record.rig.drive
+    if experiment.torque_along is None or signals.torque is None:
+        raise ValueError("the record must have a torque, and a law that reads it. Log both.")
 
     def pose(counts):
         angle = np.cumsum(record.rig.cell_centre(counts), axis=1)
         return np.column_stack([np.ones(len(angle)), np.sin(angle), np.cos(angle)])
 
-    lacking = commanded - logged
-    gravity = np.linalg.lstsq(pose(experiment.signals.counts), lacking, rcond=None)[0]
-    drive = record.rig.drive
+    # The law reads the log at even times, so compare at these.
+    t = sample_times(signals, len(experiment.torque_along))
+    counts, logged = (at_times(t, signals.t, x) for x in (signals.counts, signals.torque))
+    lacking = drive.motor_torque(experiment.torque_along) - logged
+    gravity = np.linalg.lstsq(pose(counts), lacking, rcond=None)[0]
+    # A constant may come from what a law with memory did before the log.
+    if experiment.has_memory:
+        gravity[0] = 0.0
     if record.torque is None:
         torque = drive.motor_gain * record.current
     else:

@@ -18,6 +18,7 @@ from plant.checkup.evidence import (
     edges_evidence,
     friction_ratios,
     gains_evidence,
+    gravity_evidence,
     grid_evidence,
     inverse_slopes,
     mean_errors,
@@ -207,6 +208,8 @@ def _kinds_of_torque() -> Iterator[Hypothesis[Any]]:
         remedy="Log the torque with gravity; some drivers take it out by default.",
         undo=with_gravity,
         measurement="Log a pose at rest: the torque holds the arm.",
+        evidence=gravity_evidence,
+        scored=True,
         against=20.0,
     )
     yield Hypothesis(

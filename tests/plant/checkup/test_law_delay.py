@@ -235,3 +235,28 @@ def test_torques_that_a_driver_sends_late_are_named_with_their_delay(name, sampl
     assert found.name == "late torques"
     assert found.size == samples
     assert found.joints == ()
+
+
+def test_a_torque_without_gravity_is_told_by_its_slow_steps():
+    """Its quick steps are those of the law."""
+    record = log("PID")
+    still = np.zeros(2)
+    gravity = np.array([ARM.inverse(q, still, still) for q in RIG.cell_centre(record.counts)])
+    lacking = dataclasses.replace(record, torque=record.torque - gravity)
+    checkup = lacking.check()
+    assert [cause.name for cause in checkup.causes] == ["torque without gravity"]
+    left = checkup.corrected.torque - record.torque
+    assert np.sqrt(np.mean(left**2)) < 0.01 * np.sqrt(np.mean(gravity**2))
+
+
+@pytest.mark.parametrize(
+    ("name", "pulses"), [("PID", -200), ("PID", 13425), ("computed torque", -200)]
+)
+def test_a_reference_with_another_zero_is_named_with_its_distance(name, pulses):
+    record = log(name)
+    shifted = dataclasses.replace(
+        record, reference=None, error_pulses=record.error_pulses + np.array([0, pulses])
+    )
+    found, *_ = shifted.check().causes
+    assert (found.name, found.joints) == ("zero of reference", (1,))
+    assert found.size == pytest.approx(pulses, abs=2)
