@@ -476,6 +476,9 @@ def zero_evidence(experiment: Experiment, joints: Joints) -> Any:
     if torque is None or commanded is None or not experiment.long_enough:
         return None
     chosen = columns_of(joints)
+    # Counts that a motor at its limit cannot bring to the reference show no zero.
+    if experiment.cut_off[chosen].any():
+        return ()
     law, logged = commanded[:, chosen].ravel(), torque[:, chosen].ravel()
     scale, constant = np.polynomial.polynomial.polyfit(law, logged, 1)[::-1]
     error = (np.asarray(experiment.signals.reference) - experiment.signals.counts)[:, chosen]
