@@ -217,6 +217,7 @@ class TorqueEquation:
     @classmethod
     def of(cls, dynamics: Dynamics, record: Record) -> "TorqueEquation | None":
         """The equation of a record; None without a torque, or in too short a log."""
+        record.rig.require_fit(dynamics.chain)
         law = record.law
         stated = record
         logged = record.torque is not None or record.current is not None

@@ -127,10 +127,6 @@ class Experiment:
             raise ValueError(
                 "the record must name the law that made it; got None. Pass law= when loading it."
             )
-        if record.n != dynamics.n:
-            raise ValueError(
-                f"the record must have {dynamics.n} joints; it has {record.n}. Use one of this arm."
-            )
 
         # 1. The loop.
         rig = smooth_rig(record.rig) if smooth else record.rig

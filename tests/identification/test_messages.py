@@ -7,7 +7,7 @@ import re
 import numpy as np
 import pytest
 
-from identification import Objective, RecordError, identify
+from identification import Objective, RecordError, find_gears, find_load, fit_torque, identify
 from identification.equation_error import each_named
 from plant import (
     Chain,
@@ -80,6 +80,24 @@ def test_a_record_of_another_arm_is_named(record):
         ValueError, match=r"^records\[1\]: rig must have 2 joints like the arm; got 6"
     ):
         identify(DYNAMICS, [record, other], progress=False)
+
+
+@pytest.mark.parametrize(
+    "called",
+    [
+        pytest.param(lambda robot, record: identify(robot.dynamics, record), id="identify"),
+        pytest.param(
+            lambda robot, record: identify(robot.dynamics, record, elasticity=True), id="elasticity"
+        ),
+        pytest.param(lambda robot, record: fit_torque(robot.dynamics, record), id="fit_torque"),
+        pytest.param(lambda robot, record: Objective(robot.dynamics, record), id="Objective"),
+        pytest.param(lambda robot, record: find_load(robot.arm, record), id="find_load"),
+        pytest.param(lambda robot, record: find_gears(robot.arm, record), id="find_gears"),
+    ],
+)
+def test_a_single_record_of_another_arm_is_refused_by_its_rig(record, called):
+    with pytest.raises(RecordError, match="rig must have 6 joints like the arm; got 2"):
+        called(read_robot("ur5e"), record)
 
 
 def test_a_turned_column_is_named_where_no_arm_explains_the_torque(record):

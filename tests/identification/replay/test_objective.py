@@ -371,7 +371,7 @@ def late(record, sample=100, by=0.2):
             "at least one Record; got str",
         ),
         (lambda: objective(dataclasses.replace(robot(), law=None)), "name the law"),
-        (lambda: Objective(one_joint(), robot()), "must have 1 joints; it has 2"),
+        (lambda: Objective(one_joint(), robot()), "rig must have 1 joints like the arm; got 2"),
         (lambda: objective(dataclasses.replace(robot(), rig=slower())), "rig's period"),
         (lambda: objective(unknown=(*NAMES, "drive.viscus[0]")), "drive.viscus"),
         (lambda: objective(unknown=(*NAMES, "drive.viscous")), "drive.viscous"),
