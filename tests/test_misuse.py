@@ -7,8 +7,26 @@ import pytest
 
 from ctc import ComputedTorque
 from ctc.figures import plot_comparison
-from identification import identify, spread
-from plant import Body, Drive, Dynamics, Link, P, Record, Rig, puma560, simulate
+from identification import Identification, find_gears, fit_torque, identify, spread, write_model
+from plant import (
+    Body,
+    Chain,
+    Drive,
+    Dynamics,
+    Link,
+    P,
+    Record,
+    Rig,
+    Table,
+    check_model,
+    puma560,
+    read_records,
+    read_robot,
+    read_table,
+    simulate,
+    write_robot,
+)
+from plant.parts import Checkpoint
 
 ARM, RIG, LAW, PATH = puma560.arm(), puma560.rig(), puma560.p_law(), puma560.reference()
 DYNAMICS, NOTHING = ARM.dynamics, np.empty((0, 2))
@@ -75,6 +93,35 @@ CALLS = {
         lambda r: Record(t=[], reference_pulses=NOTHING, error_pulses=NOTHING, rig=RIG),
         "got none",
     ),
+    "names, not values": (
+        lambda r: fit_torque(DYNAMICS, r, known=["f3"]),
+        "known must be of type Mapping; got a value of type list",
+    ),
+    "names, not columns": (lambda r: fit_torque(DYNAMICS, r, extra=["f3"]), "extra must be of"),
+    "a number, not names": (
+        lambda r: fit_torque(DYNAMICS, r, unknown=3),
+        "unknown must be a sequence of names; got 3",
+    ),
+    "no such joint": (lambda r: fit_torque(DYNAMICS, r, joints=7), "a joint must be one of"),
+    "no records": (
+        lambda r: find_gears(ARM, None),
+        "records must be at least one Record; got NoneType",
+    ),
+    "letters, not counts": (
+        lambda r: RIG.cell_centre([1.5, "a"]),
+        r"counts must be numbers of shape \(2,\)",
+    ),
+    "a count too many": (
+        lambda r: RIG.cell_centre([[1, 2, 3]]),
+        r"counts must have shape \(1, 2\); got shape \(1, 3\)",
+    ),
+    "an unknown angle": (lambda r: RIG.counts([np.nan, 1]), "q must be finite; got nan at index 0"),
+    "an argument too many": (lambda r: r.check(3), "too many positional arguments"),
+    "no folder": (
+        lambda r: r.to_csv("nowhere/log.csv"),
+        "target must be in a folder that is there; nowhere is not",
+    ),
+    "no folder of a law": (lambda r: LAW.save("nowhere/law.json"), "must be in a folder that is"),
     "misspelt column": (lambda r: Record.from_csv("log.csv", rigg=RIG), "Did you mean 'rig'"),
 }
 
@@ -84,6 +131,35 @@ def test_wrong_call_is_refused_in_one_line(record, call, message):
     with pytest.raises(ValueError, match=message) as refusal:
         call(record)
     assert "\n" not in str(refusal.value)
+
+
+FILES = {
+    "Record.from_csv": lambda r, path: Record.from_csv(path, rig=RIG),
+    "Record.read": lambda r, path: Record.read(path, rig=RIG),
+    "mapped": lambda r, path: Record.read(path, rig=RIG, columns={"counts": ["a", "b"]}),
+    "read_records": lambda r, path: read_records(path, rig=RIG),
+    "read_table": lambda r, path: read_table(path),
+    "read_robot": lambda r, path: read_robot(path),
+    "check_model": lambda r, path: check_model(path),
+    "Chain.from_urdf": lambda r, path: Chain.from_urdf(path),
+    "Chain.from_mjcf": lambda r, path: Chain.from_mjcf(path),
+    "Table.from_csv": lambda r, path: Table.from_csv(path),
+    "Identification.load": lambda r, path: Identification.load(path),
+    "write_model": lambda r, path: write_model(ARM, path, "new.urdf"),
+    "Record.to_csv": lambda r, path: r.to_csv(path),
+    "Record.to_mcap": lambda r, path: r.to_mcap(path),
+    "write_robot": lambda r, path: write_robot(read_robot("paper_puma560"), path),
+    "Law.save": lambda r, path: LAW.save(path),
+    "checkpoint": lambda r, path: Checkpoint(path, "identify"),
+}
+
+
+# An integer would be read as the number of an open file.
+@pytest.mark.parametrize("call", FILES.values(), ids=FILES)
+def test_a_number_is_no_path(record, call):
+    with pytest.raises(ValueError, match=r"must be a path; got 3\. ") as refused:
+        call(record, 3)
+    assert "\n" not in str(refused.value)
 
 
 def test_numbers_of_numpy_are_numbers():

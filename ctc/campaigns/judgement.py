@@ -21,6 +21,7 @@ from plant.parts import (
     Warned,
     frozen,
     frozen_settings,
+    instance,
     real,
 )
 
@@ -81,6 +82,8 @@ def logged(results: Sequence[Any], notes: Mapping[str, Any] | None) -> tuple[Log
     """Read what `Fleet` takes: an Identification, or a record and its fit, with notes of both."""
     # Both kinds of results are read at once, so that the rest knows values alone.
     source, fitted = _source_of(results)
+    if notes is not None:
+        instance("notes", notes, Mapping, _NOTES)
     # Notes of the call go before those of the records.
     remarks = [{**(record.notes or {}), **(notes or {})} for record in source.records]
 

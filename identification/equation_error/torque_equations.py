@@ -267,17 +267,18 @@ def equations_of(
     """The arguments of `fit_torque`, checked."""
     # 1. Names: known ones may be short, and f that is neither unknown nor known is forgotten.
     instance("dynamics", dynamics, Dynamics, "Pass the equations with f open.")
-    if isinstance(unknown, str):
+    if unknown is not None and (isinstance(unknown, str) or not np.iterable(unknown)):
         raise ValueError(
-            f"unknown must be a sequence of names; got {unknown!r}. Write (*dynamics.names,"
-            f" {unknown!r})."
+            f"unknown must be a sequence of names; got {unknown!r:.60}. Write (*dynamics.names,"
+            " 'drive.viscous[0]')."
         )
-    extra = dict(extra or {})
+    extra = dict(instance("extra", extra or {}, Mapping, "Give columns by name."))
+    known_values = instance("known", known_values or {}, Mapping, "Give {'f1': 0.3}.")
     # A further column may have the name of a short one: it goes before.
     long = dict(zip(dynamics.short_names, dynamics.names, strict=True))
     values = {
         name if name in extra else long.get(name, name): value
-        for name, value in (known_values or {}).items()
+        for name, value in known_values.items()
     }
     logs = torque_logs(dynamics, q, torque, rig)
     if unknown is None:
@@ -310,7 +311,7 @@ def equations_of(
             used[k, list(dead_columns(log))] = False
     else:
         # A single label is a common slip: taken for a sequence, it would be read letter by letter.
-        labels = (joints,) if isinstance(joints, str) else joints
+        labels = joints if np.iterable(joints) and not isinstance(joints, str) else (joints,)
         places = [_joint(dynamics, joint) for joint in labels]
         used[:, [j for j in range(dynamics.n) if j not in places]] = False
         for log in logs:

@@ -22,6 +22,7 @@ from identification.equation_error import (
     record_label,
     wrong_statements,
 )
+from identification.replay import as_records
 from identification.results.identification import Identification, covariance_of_f
 from plant import Arm, Dynamics, Elasticity, Record
 from plant.checkup import bridged
@@ -299,17 +300,13 @@ def _seen(
     dynamics: Dynamics, records: Record | Sequence[Record], band: float | None
 ) -> list[Deflections]:
     """Deflections of the gears in records that have encoders on both sides of the same joints."""
-    records = (records,) if isinstance(records, Record) else tuple(records)
-    if not records:
-        raise ValueError("records must hold one at least; got none. Pass those with link_counts.")
+    records, _ = as_records(dynamics, records, None)
     if band is not None:
         real("band", band, "Give Hz.", positive=True)
     seen = []
     for k, (record, about) in enumerate(each_named(records)):
         with about:
-            instance("a record", record, Record, "Pass those with link_counts.").rig.require_fit(
-                dynamics.chain
-            )
+            record.rig.require_fit(dynamics.chain)
             if record.link_counts is None:
                 raise ValueError(
                     "the record must hold link_counts; it has none. Map link_position, or simulate"

@@ -105,6 +105,8 @@ class LoadError(ValueError):
 @contextlib.contextmanager
 def load_errors(path: str | Path) -> Iterator[None]:
     """Turn every failure to read a file into one `LoadError` of one line that names it."""
+    # A wrong call is no fault of the file.
+    path_of("path", path)
     try:
         yield
     # Raised by an inner reader, with its own path: a second path would mislead.

@@ -240,6 +240,7 @@ class Record(FromFiles, Frozen):
             return f"column {mapped[joint]!r} ({names[0]})"
         return field
 
+    @known_options
     def check(self, *, hypotheses: Sequence[Hypothesis[Any]] = ()) -> Checkup:
         """Examine this log for errors before it is used; the `Checkup` prints as a table.
 

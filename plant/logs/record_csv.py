@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from plant.laws import Law
 from plant.machine import Rig
 from plant.motion import Reference
-from plant.parts import Floats, from_plain, read_rows, require_untagged
+from plant.parts import Floats, from_plain, path_of, read_rows, require_new, require_untagged
 
 # How a file of `write` begins, perhaps behind the mark of UTF-8 of the program that saved it last.
 _BEGIN = b'# {"onepulse":'
@@ -57,7 +57,7 @@ def write(record: Any, path: str | Path) -> None:
     # Before the file is opened, which empties it: what fails here leaves the old file as it is.
     heading = f"# {json.dumps(header)}\n{','.join(names)}\n"
     rows = np.hstack(columns)
-    with open(path, "w", encoding="utf-8") as file:
+    with open(require_new(path, overwrite=True), "w", encoding="utf-8") as file:
         file.write(heading)
         for row in rows:
             # 17 digits restore each float64 exactly.
@@ -66,7 +66,7 @@ def write(record: Any, path: str | Path) -> None:
 
 def is_own(path: str | Path) -> bool:
     """Whether `path` is a file that begins as `write` begins its files."""
-    if not Path(path).is_file():
+    if not path_of("path", path).is_file():
         return False
     with open(path, "rb") as file:
         begin = file.read(len(codecs.BOM_UTF8) + len(_BEGIN))

@@ -15,7 +15,7 @@ from plant.logs.logfile import LoadError, kind_of, load_errors
 from plant.logs.record import NUMBERS, Record
 from plant.machine import Rig
 from plant.motion import Reference
-from plant.parts import decimal, known_options
+from plant.parts import decimal, known_options, path_of
 
 
 @known_options
@@ -74,7 +74,8 @@ def read_records(
     >>> [record.name for record in read_records("run_*.csv", rig=rig)]
     ['run_0.csv', 'run_1.csv']
     """
-    listed = [paths] if isinstance(paths, (str, Path)) else list(paths)
+    several = isinstance(paths, Iterable) and not isinstance(paths, (str, bytes))
+    listed = paths if several else [paths]
     files = [file for path in listed for file in files_of(path)]
     if not files:
         raise ValueError(
@@ -151,7 +152,7 @@ def _with_notes(record: Record, notes: Any, file: str | Path) -> Record:
 def files_of(path: str | Path) -> list[str | Path]:
     """Files that match a pattern, sorted by name; a path without wildcards stands for itself."""
     # A file whose own name has brackets is no pattern.
-    if not glob.has_magic(str(path)) or Path(path).exists():
+    if not glob.has_magic(str(path_of("paths", path))) or Path(path).exists():
         return [path]
     # `glob` returns files in the order of the disk.
     files: list[str | Path] = sorted(glob.glob(str(path)))

@@ -338,7 +338,8 @@ class Rig(Part):
     def counts(self, q: ArrayOrSymbols) -> ArrayOrSymbols:
         """Counts at a joint position [rad], with the motor's sign, without the phase."""
         # Without the phase, which a controller cannot know.
-        return self.encoder.quantised(self.position_in_pulses(joint_numbers("q", q, self.n)))
+        q = joint_numbers("q", q, self.n, finite=True)
+        return self.encoder.quantised(self.position_in_pulses(q))
 
     def true_counts(self, q: ArrayOrSymbols) -> ArrayOrSymbols:
         """Encoder counts at a joint position [rad], with the phase of the encoder."""
@@ -356,6 +357,7 @@ class Rig(Part):
 
     def cell_centre(self, counts: ArrayOrSymbols) -> ArrayOrSymbols:
         """Joint position [rad] in the middle of the quantisation cell of these counts."""
+        counts = joint_numbers("counts", counts, self.n)
         return self.drive.joint_angle(self.encoder.cell_centre(counts))
 
     def outside_cell(self, distance: SX, counts: SX, share: SX) -> SX:

@@ -11,7 +11,7 @@ from xml.sax.saxutils import quoteattr
 import numpy as np
 
 from plant.mechanics.placement import turn
-from plant.parts import Floats, read_bounded
+from plant.parts import Floats, path_of, read_bounded
 
 Edit = tuple[int, int, bytes]  # start and stop of the bytes to replace, and the new bytes
 
@@ -100,7 +100,7 @@ def parsed(
         raise ValueError(
             f"path must be the name of a {kind} file; got its text. Write it to a file first."
         )
-    path = Path(path)
+    path = path_of("path", path)
     try:
         # Bounded before anything is parsed.
         data = _utf8(read_bounded(path, _LARGEST) if data is None else data)

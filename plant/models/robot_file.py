@@ -20,6 +20,7 @@ from plant.parts import (
     frozen,
     instance,
     known_options,
+    path_of,
     require_new,
     whole,
     write_whole,
@@ -152,9 +153,10 @@ def read_robot(path: str | Path) -> Robot:
     6
     """
     packaged_file = FOLDER / f"{path}.toml"
+    file = path_of("path", path)
     # A path with a suffix is never the name of a packaged robot.
-    use_packaged = not Path(path).suffix and packaged_file.is_file()
-    file = packaged_file if use_packaged else Path(path)
+    if not file.suffix and packaged_file.is_file():
+        file = packaged_file
     if not file.is_file():
         packaged = ", ".join(sorted(robot.stem for robot in FOLDER.glob("*.toml")))
         raise ValueError(

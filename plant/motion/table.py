@@ -8,7 +8,7 @@ from typing import Self
 import numpy as np
 
 from plant.motion.reference import Timed
-from plant.parts import Floats, Nested, known_options, part, read_rows, structure
+from plant.parts import Floats, Nested, known_options, part, path_of, read_rows, structure
 
 # A joint's name with one number, such as q_1.
 _NUMBERED = re.compile(r"(\D*)(\d+)\D*")
@@ -91,6 +91,7 @@ class Table(Timed):
             if _TIME.fullmatch(cells[0].strip()):
                 _require_order(cells, joints)
 
+        path_of("path", path)
         try:
             names, table = read_rows(path, comment=comment)
             columns = table.shape[1] - 1

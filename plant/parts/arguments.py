@@ -74,12 +74,12 @@ def array(
     return result
 
 
-def joint_numbers(name: str, value: Any, n: int) -> Any:
+def joint_numbers(name: str, value: Any, n: int, *, finite: bool = False) -> Any:
     """Numbers of n joints in their last axis, as an array; casadi symbols remain as they are."""
     if isinstance(value, (ca.SX, ca.MX, ca.DM)):
         return value
     shape = np.shape(value)
-    return array(name, value, (*shape[:-1], n), advice="Give one number per joint.", finite=False)
+    return array(name, value, (*shape[:-1], n), advice="Give one number per joint.", finite=finite)
 
 
 def choice(name: str, value: T, allowed: Collection[T]) -> T:

@@ -21,7 +21,7 @@ from llvmlite.binding import get_host_cpu_name
 from numpy.typing import ArrayLike
 
 from plant.parts.fields import Floats
-from plant.parts.files import read_bounded, remove_remains, write_whole
+from plant.parts.files import path_of, read_bounded, remove_remains, write_whole
 from plant.parts.messages import warn
 from plant.parts.plain import from_plain, to_plain
 from plant.parts.saved import FORMAT, MOST, fingerprint, parsed, versions, written
@@ -69,7 +69,7 @@ class Checkpoint:
             self._file = path._file
             self._work = path._work
         elif path is not None:
-            self._file = _File(Path(path), work)
+            self._file = _File(path_of("checkpoint", path), work)
 
     def __enter__(self) -> Self:
         return self

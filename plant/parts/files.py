@@ -64,7 +64,7 @@ def read_bounded(path: str | Path, most: int) -> bytes:
 
 def require_new(target: str | Path, overwrite: bool) -> Path:
     """Path of a file to write. A missing folder, or without `overwrite` an old file, is refused."""
-    path = Path(target)
+    path = path_of("target", target)
     if path.exists() and not overwrite:
         raise ValueError(
             f"target must be a new file; {path} is there. Name another one, or pass overwrite=True."

@@ -15,6 +15,7 @@ from typing import Any, Self
 
 import numpy as np
 
+from plant.parts.files import path_of
 from plant.parts.messages import warn
 
 Topics = Mapping[str, tuple[str, Mapping[str, int]]]
@@ -39,7 +40,7 @@ _DEFINITION = (
 
 def _opened(path: str | Path) -> Any:
     """A file opened for writing; only an earlier MCAP file may be overwritten."""
-    place = Path(path)
+    place = path_of("path", path)
     if place.is_file():
         with place.open("rb") as file:
             begins = file.read(len(_MAGIC))

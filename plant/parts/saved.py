@@ -17,7 +17,7 @@ import casadi as ca
 import numpy as np
 
 from plant.parts.arguments import choice
-from plant.parts.files import read_bounded, require_new, write_whole
+from plant.parts.files import path_of, read_bounded, require_new, write_whole
 from plant.parts.kinds import class_of, kind_of
 from plant.parts.plain import from_plain, to_plain
 from plant.version import __version__
@@ -55,8 +55,7 @@ class Saved:
         After an error the previous file is unchanged. A part of the user's own class is refused,
         since the file cannot hold its equations; so is a file that is there, without `overwrite`.
         """
-        if not overwrite:
-            require_new(path, overwrite)
+        require_new(path, overwrite)
         try:
             content = to_plain(self)
         except ValueError as error:
@@ -78,6 +77,7 @@ class Saved:
 
         A missing or spoilt file, or one of another kind or format, is refused by its name.
         """
+        path_of("path", path)
         try:
             return _read(cls, path)
         except FileNotFoundError:

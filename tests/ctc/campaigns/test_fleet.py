@@ -366,6 +366,8 @@ def test_what_is_no_log_of_a_robot_is_refused(tmp_path, change, said):
     fleet = Fleet(tmp_path / "fleet.sqlite")
     with pytest.raises(ValueError, match=said):
         fleet.add(*change(log(0), fit()))
+    with pytest.raises(ValueError, match="notes must be of type Mapping; got a value of type list"):
+        fleet.add(log(0), fit(), notes=["a"])
     assert len(fleet) == 0
 
 

@@ -162,7 +162,7 @@ def test_a_log_at_rest_tells_nothing_and_takes_nothing_from_the_others():
 @pytest.mark.parametrize(
     ("arm", "records", "options", "text"),
     [
-        (ARM, list, {}, "records must hold one at least"),
+        (ARM, list, {}, "records must be at least one Record; got none"),
         (ARM, lambda: without(logs()[0], link_counts=None), {}, "the record must hold link_counts; it has none"),
         (ARM, lambda: [logs()[0], without(logs()[1], link_counts=logs()[1].counts)], {}, r"records\[1\]: link_counts"),
         (ARM, turned, {}, "must give way to its torque"),
