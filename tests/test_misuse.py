@@ -102,6 +102,10 @@ CALLS = {
         lambda r: fit_torque(DYNAMICS, r, unknown=3),
         "unknown must be a sequence of names; got 3",
     ),
+    "no rows": (
+        lambda r: fit_torque(DYNAMICS, NOTHING, NOTHING, rig=RIG),
+        "q must hold samples; got none",
+    ),
     "no such joint": (lambda r: fit_torque(DYNAMICS, r, joints=7), "a joint must be one of"),
     "no records": (
         lambda r: find_gears(ARM, None),

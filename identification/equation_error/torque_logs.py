@@ -190,6 +190,10 @@ def _of_arrays(dynamics, label, q, torque, rig):
         ("N", dynamics.n),
         advice="Give one row per sample, one column per joint [rad].",
     )
+    if not len(q):
+        raise ValueError(
+            f"{about}q must hold samples; got none. Check that the log was written to the end."
+        )
     torque = array(
         f"{about}torque",
         torque,

@@ -14,7 +14,7 @@ from typing import Any, Generic, NamedTuple, TypeVar
 
 import numpy as np
 
-from plant.parts import Piece, Shown, Verdict, kept
+from plant.parts import Piece, Shown, Verdict, instance, kept, real
 
 Experiment = TypeVar("Experiment")
 Joints = tuple[int, ...]
@@ -114,7 +114,8 @@ class Hypothesis(Generic[Experiment]):
     ------
     ValueError
         If the sentence or the remedy has a field that is not in `SENTENCE_FIELDS`, or that cannot
-        be written so; if `undo` or `scope` is not a function.
+        be written so; if `undo` or `scope` is not a function; numbers that are none, or negative
+        odds.
 
     See Also
     --------
@@ -155,24 +156,33 @@ class Hypothesis(Generic[Experiment]):
 
     def __post_init__(self) -> None:
         # Check the fields here, so that the author of the hypothesis sees the error.
+        if not instance("name", self.name, str, "Name the mistake.").strip():
+            raise ValueError("name must be a word; got ''. Name the mistake.")
+        of_this = f"hypothesis {self.name!r}: "
         sizes = tuple(self.sizes) if isinstance(self.sizes, Iterable) else ()
         if not sizes:
             raise ValueError(
-                f"hypothesis {self.name!r}: sizes must be numbers, at least one; got"
+                f"{of_this}sizes must be numbers, at least one; got"
                 f" {self.sizes!r:.60}. Write a single one as (2.0,)."
             )
+        for size in sizes:
+            real(f"{of_this}a size", size, "Write sizes as (1.0, 2.0).")
         object.__setattr__(self, "sizes", sizes)
-        if self.tolerance is not None and not self.tolerance > 0:
+        if self.tolerance is not None:
+            advice = "Leave it out for a size that needs no spread."
+            real(f"{of_this}tolerance", self.tolerance, advice, positive=True)
+        # A mistake that were likelier than none without a log would be found in every log.
+        if real(f"{of_this}against", self.against, "Give the log of odds, such as 5.0.") < 0:
             raise ValueError(
-                f"hypothesis {self.name!r}: tolerance must be positive; got {self.tolerance!r:.60}."
-                " Leave it out for a size that needs no spread."
+                f"{of_this}against must not be negative; got {self.against:g}. Give 0 for even"
+                " odds."
             )
         for field in ("undo", "scope", "suggested", "evidence", "of_record"):
             function = getattr(self, field)
             # Only what a row can do without may be None.
             if not callable(function) and (function is not None or field in ("undo", "scope")):
                 raise ValueError(
-                    f"hypothesis {self.name!r}: {field} must be a function; got {function!r:.60}."
+                    f"{of_this}{field} must be a function; got {function!r:.60}."
                     " `Hypothesis` lists what it takes and gives."
                 )
         sample = dict.fromkeys(SENTENCE_FIELDS, "") | {"value": 1.5, "inverse": 1.5}
@@ -181,7 +191,7 @@ class Hypothesis(Generic[Experiment]):
                 text.format(**sample)
             except (ValueError, LookupError, AttributeError, TypeError) as error:
                 raise ValueError(
-                    f"hypothesis {self.name!r}: expected text with fields among"
+                    f"{of_this}expected text with fields among"
                     f" {', '.join(SENTENCE_FIELDS)}; got {text!r} ({error}). Use one of these"
                     " fields, or write {{ and }} for braces."
                 ) from None

@@ -18,7 +18,18 @@ from plant.logs.record_files import SOURCES, FromFiles
 from plant.logs.resampling import resampled_fields
 from plant.machine import InnerLoop, Rig
 from plant.motion import Reference
-from plant.parts import Floats, Frozen, Vector, array, frozen, instance, kept, known_options, real
+from plant.parts import (
+    Floats,
+    Frozen,
+    Vector,
+    array,
+    choice,
+    frozen,
+    instance,
+    kept,
+    known_options,
+    real,
+)
 
 _LEFT_OUT: Any = None
 NUMBERS = ("temperature",)  # notes that are numbers
@@ -225,6 +236,7 @@ class Record(FromFiles, Frozen):
         The field is "counts", "reference", "torque" or another one. The name is the one in the
         file, if one was mapped, and the field; otherwise it is the field alone.
         """
+        choice("joint", joint, range(self.n))
         mapping = self.columns or {}
         # A signal may have been computed from another column, which is the one that the user can
         # correct.

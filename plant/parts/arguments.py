@@ -65,12 +65,13 @@ def array(
     if not matches and result.ndim == len(shape) == 2 and result.T.shape == shape != result.shape:
         advice = f"It lies on its side: give its transpose (.T). {advice}"
     if not matches:
-        raise ValueError(f"{name} must have shape {expected}; got shape {result.shape}. {advice}")
+        got = f"shape {result.shape}" if result.ndim else f"{value!r:.80}"
+        raise ValueError(f"{name} must have shape {expected}; got {got}. {advice}")
     if finite and not np.isfinite(result).all():
         # One index is enough: the message must stay one line for a log of any length.
         index = tuple(int(i) for i in np.argwhere(~np.isfinite(result))[0])
-        where = index[0] if len(index) == 1 else index
-        raise ValueError(f"{name} must be finite; got {result[index]} at index {where}. {advice}")
+        where = f" at index {index[0] if len(index) == 1 else index}" if index else ""
+        raise ValueError(f"{name} must be finite; got {result[index]}{where}. {advice}")
     return result
 
 

@@ -164,8 +164,12 @@ class Part(Saved):
                 elif "n" in lengths:
                     value = np.full(lengths["n"], value)
             name = f"{field.name} of {type(self).__name__}"
-            advice = f"Give {_amount(shape)}."
+            advice = f"Give {'one number, or ' if expected == () != shape else ''}{_amount(shape)}."
             value = array(name, value, expected, finite=field.metadata["finite"], advice=advice)
+            if shape == ("n",) and not value.size:
+                raise ValueError(
+                    f"{name} must have shape (n,), of one joint or more; got none. {advice}"
+                )
             # Infinity may be allowed (no limit), NaN never.
             if np.isnan(value).any():
                 raise ValueError(f"{name} must be numbers; got NaN. Give its value.")
@@ -311,7 +315,7 @@ def _amount(shape: tuple[int | str, ...]) -> str:
     if not shape:
         return "one number"
     if shape[0] == "n":
-        return "one number per joint"
+        return "a list, one number per joint"
     return "a row of numbers" if isinstance(shape[0], str) else f"{shape[0]} numbers"
 
 

@@ -431,7 +431,19 @@ def test_a_drive_without_a_limit_has_no_share_of_it(record):
 
 
 @pytest.mark.parametrize(
-    "fields", [{"sizes": 2.0}, {"sizes": ()}, {"tolerance": 0.0}, {"sentence": "{value[0]} times"}]
+    "fields",
+    [
+        {"sizes": 2.0},
+        {"sizes": ()},
+        {"sizes": "a"},
+        {"sizes": (1.0, np.nan)},
+        {"tolerance": 0.0},
+        {"tolerance": "a"},
+        {"against": -3},
+        {"against": np.nan},
+        {"against": "a"},
+        {"sentence": "{value[0]} times"},
+    ],
 )
 def test_numbers_of_a_hypothesis_are_tried_where_it_is_written(fields):
     with pytest.raises(ValueError, match="mine"):

@@ -191,6 +191,8 @@ def test_columns_of_a_record_are_its_own():
     columns["link_position"].append("lc")
     assert record.column("link_counts", 1) == "column 'lb' (link_position)"
     assert "'u'" in record.column("torque", 0)
+    with pytest.raises(ValueError, match="joint must be one of 0, 1; got 7"):
+        record.column("reference", 7)
 
 
 GOOD = "0,1,2,3,4\n0.1,5,6,7,8\n"

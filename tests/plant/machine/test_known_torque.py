@@ -369,7 +369,7 @@ def test_bad_springs_are_refused_in_one_line(make, message):
 
 @pytest.mark.parametrize("q", [0.1, np.zeros(3), np.zeros(1), np.zeros((4, 1)), np.zeros((0, 3))])
 def test_positions_of_other_joints_are_refused(q):
-    with pytest.raises(ValueError, match=r"q must have shape .*2,?\); got shape") as error:
+    with pytest.raises(ValueError, match=r"q must have shape .*2,?\); got (shape|0\.1)") as error:
         with_springs(SPRING).spring_torque(q)
     assert "\n" not in str(error.value)
 
