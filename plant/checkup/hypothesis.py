@@ -293,8 +293,16 @@ class Cause(Shown):
         """The odds as a power of ten, "1e6", and those of the runner-up."""
         # Odds alone do not show how clearly the cause leads: the next one gives the distance.
         runner_up = self.runner_up
-        following = f"; next: {runner_up.name}, {_power(runner_up.log_odds)}" if runner_up else ""
-        return f"{_power(self.log_odds)}{following}"
+        own = _power(self.log_odds)
+        if runner_up is None:
+            return own
+        following = _power(runner_up.log_odds)
+        # Two equal texts do not, so the share is given.
+        if following == own:
+            lead = runner_up.log_odds - self.log_odds
+            share = _power(lead) if lead < np.log(0.01) else f"{np.exp(lead):.1g}"
+            following = f"{share} of that"
+        return f"{own}; next: {runner_up.name}, {following}"
 
     def _short(self) -> str:
         # As in labels of joints: "joint 1" could be the first or the second.

@@ -77,7 +77,7 @@ def rounding_findings(signals: Signals) -> Iterator[Finding]:
         return
     share = 100 * fix
     if 1 - SETTINGS.sure < fix < SETTINGS.sure:
-        yield check.unknown(f"{stated} is stated, fix to {share:.0f} %", share)
+        yield check.unknown(f"{stated} is stated, fix has a probability of {share:.0f} %", share)
     elif (fix > 0.5) == (stated == "fix"):
         yield check.fine(share)
     else:

@@ -206,6 +206,8 @@ def _delay(experiment, i):
             return check.unknown("the law itself may lag", value)
     if not np.isfinite(value):
         return Check("delay", i).unknown("the motor hardly moves")
+    if not np.isfinite(std):
+        return Check("delay", i).unknown("no delay fits the log best")
     if max(std, abs(value)) > _LATE:
         return check.unknown(f"known to +-{max(std, abs(value)):.1f} samples only", value)
     return check.fine(value)
@@ -257,9 +259,10 @@ def _units(experiment, i):
     if size is None:
         return check.unknown("no rotor inertia stated, and no law that tells the torque")
     if not size > 0:
-        return check.unknown(
-            "no acceleration that torque explains, and no law that tells the torque"
-        )
+        told = "no law that tells the torque"
+        if experiment.command is not None:
+            told = "the stated law does not give the logged torque"
+        return check.unknown(f"no acceleration that torque explains, and {told}")
     motion = experiment.motions[i]
     # A motor that others move tells neither its inertia nor its friction.
     significant = motion.inertia > _CERTAIN * motion.inertia_std

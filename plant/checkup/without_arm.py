@@ -138,10 +138,12 @@ def _turns() -> Iterator[Hypothesis[Any]]:
         "gear": ("gear sign", turned_gear),
     }
     for name, (check, undo) in signs.items():
+        columns = name if name == "counts" else f"{name}s"
+        verb = "have" if name == "counts" else "has"
         yield Hypothesis(
             name=f"turned {name}",
             check=check,
-            sentence=f"The {name} of {{joint}} has the wrong sign",
+            sentence=f"The {name} of {{joint}} {verb} the wrong sign",
             remedy="Change the sign of " + ("the gear." if name == "gear" else f"{{{name}}}."),
             undo=undo,
             measurement=_LOAD,
@@ -152,7 +154,7 @@ def _turns() -> Iterator[Hypothesis[Any]]:
             yield Hypothesis(
                 name=f"turned {name} of all joints",
                 check=check,
-                sentence=f"The {name} of all joints has the wrong sign",
+                sentence=f"The {columns} of all joints have the wrong sign",
                 remedy=f"Change the sign of {{{name}}} of every joint.",
                 undo=undo,
                 measurement=_LOAD,

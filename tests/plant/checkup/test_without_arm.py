@@ -477,6 +477,39 @@ def test_a_sentence_with_a_full_stop_gets_no_second_one():
     )
 
 
+@pytest.mark.parametrize(
+    ("own", "following", "said"),
+    [
+        (9.0, 3.0, "1e4; next: y, 1e1"),
+        (9.0, 8.5, "1e4; next: y, 0.6 of that"),
+        (9.0, 9.0, "1e4; next: y, 1 of that"),
+        (2000.0, 1994.0, "over 1e99; next: y, 1e-3 of that"),
+        (2000.0, 1000.0, "over 1e99; next: y, 1e-434 of that"),
+    ],
+)
+def test_odds_and_those_of_the_next_cause_differ(own, following, said):
+    words = {"name": "x", "joints": (), "size": 1.0, "unit": "", "sentence": "", "remedy": ""}
+    cause = Cause(log_odds=own, runner_up=Rival("y", (), 1.0, following), **words)
+    assert cause.odds == said
+
+
+@pytest.mark.parametrize(
+    ("turned", "subject"),
+    [
+        ("counts", "The counts of joint q[1] have "),
+        ("error", "The error of joint q[1] has "),
+        ("both", "The errors of all joints have "),
+    ],
+)
+def test_the_sentence_of_a_turned_column_has_the_number_of_its_subject(record, turned, subject):
+    error = record.error_pulses * ((-1, -1) if turned == "both" else (1, -1))
+    if turned == "counts":
+        counts = record.counts * (1, -1)
+        error = record.reference_pulses - counts
+    cause, *_ = dataclasses.replace(record, error_pulses=error).check().causes
+    assert cause.sentence.startswith(subject)
+
+
 @pytest.mark.parametrize(("ratio", "factors"), [(40, []), (100, []), (1e3, [1e3])])
 def test_a_unit_of_time_is_near_a_power_of_a_thousand(record, ratio, factors):
     """A log of every fortieth row is in seconds."""
