@@ -377,18 +377,23 @@ def _counted(field: str, value: NDArray[Any], unit: Unit, rig: Rig) -> Floats:
                 f" {column!r} in {column_unit!r} they would be. State that."
             )
         # The smallest step of an offending joint shows how its resolution differs from the rig's.
-        step = _smallest_step(position[:, np.argmin(grid)])
+        offending = position[:, np.argmin(grid)]
+        step = _smallest_step(offending)
         hint = (
             ": state the resolution more exactly" if abs(step - 1) < CHECKS.step_tolerance else ""
         )
+        reason = f"smallest step {step:.{6 if hint else 3}g} pulses{hint}"
+        wide = _wide_cell(offending) if rig.encoder.rounding == "fix" else None
+        if wide is not None:
+            reason = (
+                f"its cell of two pulses, which 'fix' has at zero, is at {wide:.1f} pulses: correct"
+                " the zero of the column"
+            )
         text = (
             f"{field} of {rig.joint_labels[np.argmin(grid)]} is not in whole pulses of"
             " rig.encoder.resolution "
         )
-        warn(
-            f"{text}(smallest step {step:.{6 if hint else 3}g} pulses{hint}); counted as that"
-            " encoder would"
-        )
+        warn(f"{text}({reason}); counted as that encoder would")
     # A shift within the tolerance of the grid is rounding, and no offset of the encoder.
     shift = np.where(np.abs(shift) < 0.1, 0.0, shift)
     return rig.encoder.quantised(np.where(grid, np.round(position - shift) + shift, position))
@@ -427,6 +432,21 @@ def _is_motion(position: Floats) -> bool:
     moving = moved > 0
     enough = moving.any() and (moved[moving] >= CHECKS.min_motion).all()
     return bool(enough and on_grid(position)[1].all())
+
+
+def _wide_cell(position: Floats) -> float | None:
+    """Middle [pulses] of the only cell of positions (N,) that is two pulses wide; None without one.
+
+    It is half a pulse off the grid that all other positions share. A wrong resolution moves many
+    positions off a grid, by different distances.
+    """
+    shift = np.angle(np.exp(4j * np.pi * position).sum()) / (4 * np.pi)
+    halves = 2 * (position - shift)
+    levels = np.unique(np.round(halves))
+    if np.abs(halves - np.round(halves)).max() > 0.2 or len(levels) < 4:
+        return None
+    alone = [group[0] for k in (0, 1) if len(group := levels[levels % 2 == k]) == 1]
+    return float(alone[0] / 2 + shift) if alone else None
 
 
 def _smallest_step(position):

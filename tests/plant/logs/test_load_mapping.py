@@ -115,6 +115,20 @@ def test_a_resolution_with_too_few_digits_is_told_from_a_wrong_one():
         angles("rad", COUNTS * step, rig=dataclasses.replace(RIG, encoder=encoder))
 
 
+def test_a_zero_that_is_shifted_by_whole_pulses_is_told_from_a_wrong_resolution():
+    """The cell of two pulses of `fix` is then not at zero, and half a pulse off the grid."""
+    rig = dataclasses.replace(RIG, encoder=Encoder(resolution=RESOLUTION, rounding="fix"))
+    shift = np.array([0, 13425])
+    counts = np.round(40 * np.sin(9 * T))[:, None] * (1, 1)
+    q = rig.cell_centre(counts) + rig.to_angle(shift)
+    with pytest.warns(UserWarning, match=r"at 13425\.0 pulses: correct the zero") as noted:
+        angles("rad", q, rig=rig)
+    assert "resolution more exactly" not in str(noted[0].message)
+    # A resolution that is off by as little as 1 %.
+    with pytest.warns(UserWarning, match=r"smallest step 1\.01 pulses"):
+        angles("rad", 1.01 * (q + rig.to_angle(shift)), rig=rig)
+
+
 def test_warnings_point_at_the_line_that_loads(tmp_path):
     """Through every reader, whatever is wrapped around it."""
     table = {"q": ANGLE * 1.31, "t": np.repeat(T[::2], 2)}
