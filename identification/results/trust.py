@@ -151,8 +151,8 @@ def warnings_of(identification: Any) -> dict[str, bool]:
 
 
 _EFFECTS = (
-    "the warnings below were found with the mistakes above still in the log, and may be their"
-    " effects. Correct the mistakes first, and identify again."
+    "warnings of the fit were found with the mistakes still in the log, and may be their effects."
+    " Correct the mistakes first, and identify again."
 )
 
 

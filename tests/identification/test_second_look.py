@@ -34,6 +34,9 @@ def test_a_second_mistake_is_named_and_a_file_keeps_it(tmp_path):
     # It was tested in the corrected log, so it is no effect of the first mistake.
     assert not found.causes[1].behind
     assert any("gains of law or motor" in line for line in found.left)
+    # A page lists notes apart from warnings, so that no line may point at its neighbours.
+    (effects,) = [line for line in found.warnings if "be their effects" in line]
+    assert not {"above", "below"} & set(effects.split())
     found.save(tmp_path / "found.json")
     assert Identification.load(tmp_path / "found.json") == found
 
