@@ -329,7 +329,7 @@ def _law(case):
             yield (
                 f"the counts of {case.log(i)} are late by samples: {delays}; in time the stated"
                 f" {law} gives the logged torque from them, and late they bias f. Identify"
-                " record.check().record, which has them in time."
+                " record.check().corrected, which has them in time."
             )
         elif _law_differs(apart):
             shares = ", ".join(

@@ -101,7 +101,7 @@ def obeyed(logs):
         spoiled = record
         for kind in sorted(kinds):
             spoiled = SPOILED[kind](spoiled, random)
-        table.append([error(record, f), error(spoiled, f), error(spoiled.check().record, f)])
+        table.append([error(record, f), error(spoiled, f), error(spoiled.check().corrected, f)])
         names = ", ".join(SPOILED[kind].__name__ for kind in sorted(kinds))
         print(
             f"  {seed:3d} clean {table[-1][0]:.4f} as it is {table[-1][1]:.4f} obeyed"

@@ -70,7 +70,7 @@ def test_another_convention_than_stated_is_said_with_its_probability_and_correct
     assert found.verdict == "wrong"
     assert f'rounding="{made}"' in found.advice
     assert "(probability 9" in found.advice
-    assert checkup.record.rig.encoder.rounding == made
+    assert checkup.corrected.rig.encoder.rounding == made
 
 
 def test_where_no_joint_passes_zero_the_convention_is_undecidable():
@@ -221,8 +221,8 @@ def test_a_torque_that_is_turned_back_is_the_logs_own():
     (cause,) = checkup.causes
     assert (cause.name, cause.joints) == ("turned torque", (0,))
     assert "odds over 1e99" in checkup.problems[0].advice.lower()
-    np.testing.assert_array_equal(checkup.record.torque, log().torque)
-    assert checkup.record.check().ok
+    np.testing.assert_array_equal(checkup.corrected.torque, log().torque)
+    assert checkup.corrected.check().ok
 
 
 @pytest.mark.parametrize("angles", [False, pytest.param(True, marks=pytest.mark.slow)])
@@ -236,14 +236,14 @@ def test_exchanged_counts_are_exchanged_and_no_sign_is_changed(angles):
     assert [(cause.name, cause.joints) for cause in checkup.causes] == [
         ("exchanged counts", (0, 1))
     ]
-    assert np.abs(checkup.record.counts - log().counts).max() <= angles
-    assert [f.check for f in checkup.record.check().problems] == coarser
+    assert np.abs(checkup.corrected.counts - log().counts).max() <= angles
+    assert [f.check for f in checkup.corrected.check().problems] == coarser
 
 
 def test_a_healthy_log_is_left_as_it_is():
     checkup = log().check()
     assert checkup.ok
-    assert checkup.record is log()
+    assert checkup.corrected is log()
 
 
 @pytest.mark.parametrize("samples", [0.6, 1.2])
@@ -258,8 +258,8 @@ def test_late_counts_are_corrected_without_a_logged_torque(samples):
     (cause,) = checkup.causes
     assert cause.name == "late counts"
     assert cause.size == pytest.approx(samples, abs=0.1)
-    assert checkup.record.check().ok
-    assert np.abs(checkup.record.counts - log().counts).mean() < 0.5
+    assert checkup.corrected.check().ok
+    assert np.abs(checkup.corrected.counts - log().counts).mean() < 0.5
 
 
 def test_more_friction_is_not_taken_for_late_counts():
@@ -277,7 +277,7 @@ def test_more_friction_is_not_taken_for_late_counts():
     checkup = record.check()
     assert [f.check for f in checkup.problems] == ["viscous friction"] * 2
     assert [f.value for f in checkup.problems] == pytest.approx((5e-3, 5e-3), rel=0.1)
-    assert checkup.record is record
+    assert checkup.corrected is record
 
 
 # -- causes are told before what they do ---------------------------------------------------------
