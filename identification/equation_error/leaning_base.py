@@ -45,11 +45,16 @@ class LeaningBase:
             weights=weights,
         )
 
-    def regressor(self, tilt: Floats, factor: float = 1.0) -> Floats:
-        """Regressor (R, n, p) on a base tilted by (2,) [rad], with gravity times a factor."""
+    def turned(self, tilt: Floats) -> Floats:
+        """Gravity (3,) in the frame of a base tilted by (2,) [rad]."""
         angle = np.hypot(*tilt)
         turned = np.cos(angle) * self.gravity
         turned += np.sinc(angle / np.pi) * np.cross(tilt @ self.axes, self.gravity)
+        return turned
+
+    def regressor(self, tilt: Floats, factor: float = 1.0) -> Floats:
+        """Regressor (R, n, p) on a base tilted by (2,) [rad], with gravity times a factor."""
+        turned = self.turned(tilt)
         gravities = np.array([arm.chain.gravity for arm in self.arms])
         shares = np.linalg.solve(gravities.T, factor * turned)
         return self.weightless + np.einsum("g,grnk->rnk", shares, self.weights)

@@ -86,7 +86,7 @@ HYPOTHESES = (
     Hypothesis(
         name="tilted base",
         sentence="the base is tilted by about {value:.0f} degrees against the stated gravity",
-        remedy="Correct the gravity of the chain",
+        remedy="Correct the gravity of the chain: gravity=({gravity})",
         undo=undo.levelled,
         suggested=undo.tilts,
         against=14.0,

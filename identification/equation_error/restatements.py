@@ -280,12 +280,20 @@ def _variants(equation):
 
 
 def words_of(equation, size):
-    """Fields of a sentence: the main gain, and the variant at the place that is the size."""
+    """Fields of a sentence: the main gain, the variant at the place that is the size, gravity."""
     main_gain = equation.main_gain
+    # The likeliest tilt is tried of every arm with weight, and known here.
+    weighs = any(equation.dynamics.chain.gravity)
     return {
+        "gravity": _vector(equation.likeliest_gravity) if weighs else "",
         "gain": "" if main_gain is None else main_gain.name,
         "variant": dict(enumerate(_variants(equation))).get(size, ""),
     }
+
+
+def _vector(components):
+    # Adding 0 makes -0.00 a 0.00.
+    return ", ".join(f"{round(x, 2) + 0.0:.2f}" for x in components.tolist())
 
 
 def cut_off(equation, joints, size):

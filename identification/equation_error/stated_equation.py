@@ -373,6 +373,11 @@ class TorqueEquation:
             tilt = tilt + moves
         return tilt
 
+    @property
+    def likeliest_gravity(self) -> Floats:
+        """Gravity (3,) [m/s^2] of the chain on a base with the likeliest tilt."""
+        return self.gravity * self._base.turned(self.likeliest_tilt)
+
     def cut_off(self, limits: Floats) -> "TorqueEquation":
         """The same motion with torques that are limited (n,) [N m] at the motors."""
         limited = np.clip(self.signals.motor_torque, -limits, limits)

@@ -55,6 +55,7 @@ SENTENCE_FIELDS = {
     "cell": "the cell of the counter at zero by the rounding that is not stated",
     "rounding": "the rounding of the encoder that is not stated",
     "gain": "name of the main gain of the law",
+    "gravity": "gravity of the chain on a tilted base [m/s^2]",
     "variant": "what a variant of the law has in place of what is stated",
 }
 """Fields of the sentence and the remedy of a hypothesis, with their meanings."""

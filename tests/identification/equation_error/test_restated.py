@@ -1,6 +1,7 @@
 """A statement of the chain or of the log that the torques contradict is named; right logs are not."""
 
 import dataclasses
+import re
 from functools import cache
 
 import numpy as np
@@ -165,6 +166,10 @@ def test_a_base_that_is_tilted_is_named_with_its_angle():
     cause, *_ = restated(Dynamics.from_chain(leaning.with_rotors(record.rig.drive)), record)
     assert (cause.name, cause.joints) == ("tilted base", ())
     assert cause.size == pytest.approx(45, abs=5)
+    # The record was made under gravity along z.
+    said = re.search(r"gravity=\((.*), (.*), (.*)\)", cause.remedy)
+    np.testing.assert_allclose([float(x) for x in said.groups()], (0, 0, -9.81), atol=0.9)
+    assert "-0.00" not in cause.remedy
 
 
 def elbow():
