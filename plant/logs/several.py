@@ -74,8 +74,8 @@ def read_records(
     >>> [record.name for record in read_records("run_*.csv", rig=rig)]
     ['run_0.csv', 'run_1.csv']
     """
-    several = isinstance(paths, Iterable) and not isinstance(paths, (str, bytes))
-    listed = paths if several else [paths]
+    one = isinstance(paths, str) or not isinstance(paths, Iterable)
+    listed: Any = [paths] if one else paths
     files = [file for path in listed for file in files_of(path)]
     if not files:
         raise ValueError(
