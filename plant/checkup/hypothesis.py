@@ -480,7 +480,9 @@ def _cause(ranked: list[Candidate], labels: tuple[str, ...], settings: Selection
     certain = hypothesis.parameter or not any(rival.hypothesis.parameter for rival in near)
     # A sentence has two joints at most; a mistake of the whole log has none.
     joint, other = ([labels[j] for j in best.joints] + ["", ""])[:2]
-    words = {"joint": joint, "other": other, "value": best.size, **best.words}
+    # What is known with an arm alone is empty without one.
+    words: dict[str, Any] = dict.fromkeys(SENTENCE_FIELDS, "")
+    words |= {"joint": joint, "other": other, "value": best.size, **best.words}
     remedy = hypothesis.remedy.format(**words) if certain else "Do not correct the log for it."
     return Cause(
         name=hypothesis.name,

@@ -466,6 +466,16 @@ def test_evidence_that_is_no_number_hides_no_other_cause(record):
     assert checkup.causes[0].name == "turned torque of all joints"
 
 
+@pytest.mark.parametrize("field", ["gain", "variant", "gravity"])
+def test_a_field_that_only_an_arm_fills_is_empty_without_one(record, field):
+    words = WORDS | {"sentence": f"It is turned{{{field}}}", "against": 0.0}
+    mine = Hypothesis(
+        undo=lambda record, joints, size: with_torque(record, -record.torque), **words
+    )
+    checkup = with_torque(record, -record.torque).check(hypotheses=[mine])
+    assert "It is turned" in [cause.sentence for cause in checkup.causes]
+
+
 def test_a_sentence_with_a_full_stop_gets_no_second_one():
     words = {"name": "x", "joints": (), "size": 1.0, "unit": "", "log_odds": 9.0}
     rival = Rival("y", (), 1.0, 8.0, "Weigh it.")
