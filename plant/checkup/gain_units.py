@@ -171,10 +171,22 @@ def unit_evidence(gain: str, unit: Unit) -> Callable[..., Iterator[tuple[float, 
         if np.ptp(ratio) > 1e-9 * ratio[0] or not ratio[0] > SETTINGS.least:
             return
         gained = _by_torque if experiment.signals.torque is not None else _by_motion
-        for size in (float(ratio[0]), 1 / float(ratio[0])):
+        large, small = float(ratio[0]), 1 / float(ratio[0])
+        for size in (large, small) if _dominates(experiment, gain, joints) else (small,):
             yield size, gained(experiment, gain, joints, size)
 
     return evidence
+
+
+def _dominates(experiment, gain, joints):
+    """Whether a gain makes most of the law's torque, as one does that is many times too large."""
+    along = experiment.once(_along_log)
+    if gain == "gains" or along is None:
+        return True
+    part = along.parts[gain]
+    rest = along.torque - part
+    squares = (np.square(torque[:, columns_of(joints)]).sum() for torque in (part, rest))
+    return bool(np.greater(*squares))
 
 
 def _without(along, gain, joints, size):
