@@ -19,9 +19,12 @@ from identification.equation_error import (
     RecordError,
     advice,
     from_prior,
+    law_differs,
     mistakes_of,
     ranked_own_rows,
     record_label,
+    restated,
+    torque_apart,
     wrong_statements,
 )
 from identification.preparation import prepare, with_gears
@@ -107,7 +110,8 @@ def identify(
         - "output_error": simulated against counted positions, by Gauss-Newton
         - "prediction_error": predicted against counted positions, by Gauss-Newton
     progress : bool
-        Show a progress bar, where standard error is a terminal.
+        Show a progress bar, where standard error is a terminal; and print there what is plainly
+        wrong with a record before the search begins.
     ranges : (k, 2) array_like, optional
         Where to search each unknown; "paper" takes ``dynamics.ranges`` by default, the others need
         none.
@@ -226,6 +230,9 @@ def identify(
             second_look.at_refusal(ValueError),
         ):
             problem = replace(problem, checkpoint=stored)
+            # What is wrong is better known before a search of minutes than after it.
+            if progress and (cause := _likely_cause(problem, plain=True)):
+                bar.print(f"identify: {cause}")
             result = _with_hypotheses(problem, hypotheses, bar, started)
         # The warnings come once, at the end, because `_identified` can run again with a prior.
         with _part(bar, "warnings"):
@@ -431,12 +438,20 @@ def _assess(problem: Problem, outcome: Outcome, started: float) -> Identificatio
     )
 
 
-def _likely_cause(problem: Problem) -> str:
-    """The first contradiction between the records and what is stated, as a sentence; or none."""
+def _likely_cause(problem: Problem, *, plain: bool = False) -> str:
+    """The first contradiction between the records and what is stated, as a sentence; or none.
+
+    `plain`: of records that contradict the torque of their law, or the equation of motion.
+    """
     dynamics = problem.dynamics
     for k, record in enumerate(problem.records):
         # A test of the statements refuses a log that is too short.
         with contextlib.suppress(ValueError):
+            # A checkup takes seconds, and accuses no log that nothing else doubts. The equation of
+            # motion of the first record is examined in any case.
+            if plain and not law_differs(torque_apart(record)):
+                if k or not restated(dynamics, record):
+                    continue
             statements = of_statements(record.rig, problem.records, dynamics.chain)
             for line in itertools.chain(wrong_statements(dynamics, record), statements):
                 label = record_label(problem.records, k)

@@ -59,6 +59,7 @@ from identification.equation_error.least_squares import (
 from identification.equation_error.logged_torques import fit_torque
 from identification.equation_error.naming import (
     RecordError,
+    checkup_of,
     column_of,
     each_named,
     held_out,
@@ -110,6 +111,7 @@ from identification.equation_error.restated import (
 from identification.equation_error.stated_equation import TorqueEquation
 from identification.equation_error.stated_law import (
     begun,
+    law_differs,
     likelier_variant,
     noise_of_torque,
     told_by_torque,
@@ -176,6 +178,7 @@ __all__ = [
     "between_samples",
     "bounded",
     "boxes_of",
+    "checkup_of",
     "choose_band",
     "closed",
     "column_of",
@@ -200,6 +203,7 @@ __all__ = [
     "in_groups",
     "independent_noise",
     "is_faster",
+    "law_differs",
     "least_squares",
     "likelier_variant",
     "linear",

@@ -1,12 +1,14 @@
 """Names in messages, tables and figures: records by place and file, parameters with units."""
 
 import contextlib
+import functools
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Any, TypeVar
 
 import numpy as np
 
 from plant import Dynamics, Record
+from plant.checkup import Checkup
 from plant.mechanics import STANDARD
 
 T = TypeVar("T")
@@ -166,12 +168,23 @@ def column_of(record: Record, field: str, joint: int) -> str:
     return "" if column == field else f", {column},"
 
 
+def checkup_of(record: Record) -> Checkup:
+    """`record.check()`, which takes seconds of a wrong log, once for each record."""
+    # Records are equal whatever their columns are called, but advice names the columns.
+    return _checkup_of(record, repr(record.columns))
+
+
+@functools.lru_cache(maxsize=4)
+def _checkup_of(record: Record, columns: str) -> Checkup:
+    return record.check()
+
+
 def misread(record: Record, *, limited: bool = False) -> tuple[str, ...]:
     """What the checkup of a record calls wrong in its columns, the likeliest first.
 
     With `limited`, units of torque are left out: an amplifier at its limit looks like a wrong unit.
     """
-    checkup = record.check()
+    checkup = checkup_of(record)
     causes = {cause.line for cause in checkup.causes}
     # An export whose torques are late is late by whole rows; a drive may lag by less.
     late = {

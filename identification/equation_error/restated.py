@@ -14,7 +14,7 @@ from dataclasses import replace
 from typing import NamedTuple
 
 from identification.equation_error import restatements as undo
-from identification.equation_error.naming import misread
+from identification.equation_error.naming import checkup_of, misread
 from identification.equation_error.stated_equation import SETTINGS, TorqueEquation
 from identification.equation_error.torque_logs import TorqueLog
 from plant import Dynamics, Hypothesis, Record
@@ -326,7 +326,7 @@ def wrong_statements(dynamics: Dynamics, record: Record) -> tuple[str, ...]:
     twice.
     """
     misreadings = misread(record)
-    corrected = record.check().corrected if misreadings else record
+    corrected = checkup_of(record).corrected if misreadings else record
     return (*misreadings, *(cause.line for cause in restated(dynamics, corrected)))
 
 
@@ -346,7 +346,7 @@ def mistakes_of(dynamics: Dynamics, record: Record) -> Mistakes:
 
     The gravity of a chain is no statement of a record.
     """
-    checkup = record.check()
+    checkup = checkup_of(record)
     lines = [cause.line for cause in checkup.causes if cause.certain]
     corrected = checkup.corrected
     for cause in restated(dynamics, corrected):

@@ -46,6 +46,9 @@ class StatedLawSettings:
         Relative distance from the logged torque from which on variants of the law are tried.
     nearer : float
         Share of this distance that a variant may leave, to be named.
+    other : float
+        Relative distance from the logged torque of a law that did not make the log; that of a gain
+        which is wrong by 10 % is 10 % (``silent_mistakes.py``).
     """
 
     ratio: float = 1.1
@@ -53,6 +56,7 @@ class StatedLawSettings:
     rounds: int = 2
     differs: float = 5e-4
     nearer: float = 0.25
+    other: float = 0.05
 
 
 SETTINGS = StatedLawSettings()
@@ -79,6 +83,11 @@ def torque_apart(record: Record) -> Floats | None:
     size = np.sqrt(np.mean(logged**2, axis=0))
     # A joint without torque has no share of it.
     return distance / np.maximum(size, 1e-9 * max(size.max(), 1e-300))
+
+
+def law_differs(apart: Floats | None) -> bool:
+    """Whether a law is `torque_apart` so far from the logged torque that another made the log."""
+    return apart is not None and bool(apart.max() > SETTINGS.other)
 
 
 def noise_of_torque(record: Record) -> Floats:

@@ -9,7 +9,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from identification.equation_error import PredictsTorque, along_log, restated, short_names
+from identification.equation_error import (
+    PredictsTorque,
+    along_log,
+    checkup_of,
+    restated,
+    short_names,
+)
 from identification.planning import pulse_budget
 from identification.results.assumed import Assumed, moved_by_lengths
 from identification.results.corrected import corrected
@@ -309,7 +315,7 @@ class Identification(PredictsTorque, Shown, Saved, Frozen):
         of_log: tuple[Cause, ...] = ()
         # A checkup takes time, and accuses no log that nothing else doubts.
         if self.doubts:
-            checkup = record.check()
+            checkup = checkup_of(record)
             late = late_by_law(self)
             of_log = tuple(
                 cause

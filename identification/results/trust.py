@@ -8,7 +8,9 @@ import numpy as np
 
 from identification.equation_error import (
     FittedArm,
+    checkup_of,
     is_faster,
+    law_differs,
     likelier_variant,
     misread,
     restated,
@@ -19,7 +21,7 @@ from identification.results.seen import APART, contradicted, motion_of
 from identification.results.with_arm import BY_NAME
 from identification.search import FALSE_ALARM, ROUGH, ROUNDINGS, doubtful
 from plant import Chain, Record, Rig
-from plant.checkup import BRIDGED, late_counts, own_oscillations, rounding_doubts, short_gaps
+from plant.checkup import BRIDGED, own_oscillations, rounding_doubts, short_gaps
 from plant.machine import InnerLoop, unlikely_statements
 from plant.parts import Floats, one_thread
 
@@ -60,9 +62,6 @@ class WarningSettings:
         the relative standard deviation of at least one of them exceeds `vague`.
     pairs : int
         Such pairs that the summary mentions without a warning, at most.
-    law_torque : float
-        Share of the logged torque by which that of the stated law may differ (rms); a gain that is
-        wrong by 10 % differs by 10 % (``silent_mistakes.py``).
     zero : float
         Encoder offset [rad] that lies at the end of its range of half a radian.
     """
@@ -77,7 +76,6 @@ class WarningSettings:
     correlation: float = 0.995
     vague: float = 0.05
     pairs: int = 3
-    law_torque: float = 0.05
     zero: float = 0.49
 
 
@@ -287,21 +285,19 @@ def _lost_rows(case):
             )
 
 
-def _law_differs(apart):
-    """Whether the stated law gives another torque along the log than was logged."""
-    return apart is not None and bool(apart.max() > SETTINGS.law_torque)
-
-
 def late_by_law(identification):
     """Delays (n,) of the counts with which the stated law gives the logged torque, by record.
 
     The delay is 0 for a joint that is not late. Records without a late joint are left out.
     """
-    delays = {
-        i: late_counts(identification.records[i])
-        for i, apart in enumerate(identification.diagnostics.law_apart)
-        if _law_differs(apart)
-    }
+    delays = dict[int, Floats]()
+    for i, apart in enumerate(identification.diagnostics.law_apart):
+        record = identification.records[i]
+        for cause in checkup_of(record).causes if law_differs(apart) else ():
+            if cause.name == "late counts":
+                delay = delays.setdefault(i, np.zeros(record.n))
+                # A cause is the size beyond the causes before it; one without joints is of all.
+                delay[list(cause.joints) or slice(None)] += cause.size
     return {i: delay for i, delay in delays.items() if delay.any()}
 
 
@@ -331,7 +327,7 @@ def _law(case):
                 f" {law} gives the logged torque from them, and late they bias f. Identify"
                 " record.check().corrected, which has them in time."
             )
-        elif _law_differs(apart):
+        elif law_differs(apart):
             shares = ", ".join(
                 f"{share:.0%} at {joint}" for joint, share in zip(case.joints, apart, strict=True)
             )

@@ -14,7 +14,7 @@ of what can be wrong) -> `trials` (its rows, tried on a log) -> `views` (its cau
 
 from plant.checkup.apparent_inertia import share_of_rotors
 from plant.checkup.counts import hardly_asked, hardly_moving, in_step, renumbered
-from plant.checkup.examine import examine, late_counts
+from plant.checkup.examine import examine
 from plant.checkup.finding import Check, Checkup
 from plant.checkup.hypothesis import (
     Candidate,
@@ -78,7 +78,6 @@ __all__ = [
     "hardly_asked",
     "hardly_moving",
     "in_step",
-    "late_counts",
     "longest_line",
     "lost_rows",
     "off_reference",

@@ -15,7 +15,6 @@ from plant.checkup.hypothesis import (
     Hypothesis,
     Ranking,
     SelectionSettings,
-    columns_of,
     ranking,
     require_rows,
 )
@@ -29,7 +28,7 @@ from plant.checkup.stamps import lost_findings, time_findings
 from plant.checkup.trials import Trials
 from plant.checkup.views import AT_LIMIT, cause_findings, copied_columns, measured_findings
 from plant.checkup.without_arm import SWITCHES, TABLE
-from plant.parts import Floats, one_thread
+from plant.parts import one_thread
 
 
 # -- torque: saturation, clipping, backlash -------------------------------------------------------
@@ -293,17 +292,6 @@ def _worded(causes, findings):
 # Causes that concern the size of a torque come late: a coarse encoder or a clipped torque looks
 # like one of them.
 _LATER = "units of torque", "viscous friction"
-
-
-def late_counts(record) -> Floats:
-    """Samples (n,) by which the counts of each joint are late, as the law of the record shows."""
-    late = np.zeros(record.n)
-    bridged = Experiment(all_bridged(record, lost_rows(record)))
-    for cause in ranked_causes(record, bridged, TABLE, record.rig.joint_labels).causes:
-        if cause.name == "late counts":
-            # A cause is the size beyond the causes before it.
-            late[columns_of(cause.joints)] += cause.size
-    return late
 
 
 _SPOILED = "jumps", "clipped counts", "glitches", "stuck encoder"

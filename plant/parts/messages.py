@@ -52,6 +52,10 @@ class ProgressBar:
         """A text behind the time left."""
         self._say(text)
 
+    def print(self, text: str) -> None:
+        """A line above the bar on standard error, also where that is a file or a pipe."""
+        tqdm.write(text, file=sys.stderr)
+
     @contextlib.contextmanager
     def part(self, count: float, text: str = "") -> Iterator[None]:
         """A context for `count` of the work: bars inside it move this bar by so much together."""

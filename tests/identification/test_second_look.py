@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from identification import Identification, RecordError, identify
-from plant import Chain, Dynamics, Link, P, puma560, simulate
-from plant.checkup import counts_in_time
+from identification.search import METHODS
+from plant import Chain, Dynamics, Link, P, Record, puma560, simulate
+from plant.checkup import Cause, Check, Checkup, counts_in_time
 
 CHAIN = Chain(links=(Link(name="2", alpha=-np.pi / 2), Link(name="3", a=puma560.LINK_LENGTH)))
 DYNAMICS = Dynamics.from_chain(CHAIN)
@@ -56,3 +57,43 @@ def test_a_refusal_says_both():
     ) as said:
         identify(DYNAMICS, late, progress=False)
     np.testing.assert_array_equal(said.value.record.counts, late.counts)
+
+
+def test_a_wrong_log_is_named_before_the_search_and_checked_once(monkeypatch, capsys):
+    arm, rig = puma560.arm(), puma560.rig()
+    right = simulate(arm, rig, puma560.p_law(), puma560.reference(), duration=0.3)
+    turned = dataclasses.replace(right, torque=right.torque * [1, -1], current=None)
+    cause = Cause(
+        name="turned torque",
+        joints=(1,),
+        size=1.0,
+        unit="",
+        log_odds=99.0,
+        sentence="The torque of q[1] has the wrong sign",
+        remedy="Change its sign.",
+        check="drive sign",
+    )
+    checked, said = [], []
+
+    def check(record):
+        checked.append(record)
+        finding = Check(cause.check, 1).wrong(None, cause.line)
+        if record == right:
+            return Checkup(findings=(), records=(record,))
+        return Checkup(
+            findings=(finding,),
+            joint_labels=("q[0]", "q[1]"),
+            causes=(cause,),
+            records=(record, right),
+        )
+
+    def search(problem, search=METHODS["equation_error"]):
+        said.append(capsys.readouterr().err.count(cause.line))
+        return search(problem)
+
+    monkeypatch.setattr(Record, "check", check)
+    monkeypatch.setitem(METHODS, "equation_error", search)
+    found = identify(arm.dynamics, turned, method="equation_error")
+    assert said == [1]
+    assert found.warnings.count(cause.line) == 1
+    assert checked.count(turned) == 1
