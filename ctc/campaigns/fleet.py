@@ -6,7 +6,6 @@ The tables and their columns stand in ``docs/guides/campaigns.md``; format 1 is 
 import contextlib
 import csv
 import io
-import itertools
 import json
 import math
 import sqlite3
@@ -21,7 +20,7 @@ from numpy.typing import NDArray
 from ctc.campaigns.effects import Effect, effect_of, values_of
 from ctc.campaigns.fleet_page import fleet_page, plot_fleet
 from ctc.campaigns.judgement import Judgement, Logged, judged, logged
-from identification.equation_error import short_names, units, wrong_statements
+from identification.equation_error import TorqueFit, short_names, units, wrong_statements
 from plant.parts import (
     fingerprint,
     instance,
@@ -275,7 +274,7 @@ class Fleet:
     def judge(
         self, *results: Any, notes: Mapping[str, Any] | None = None, level: float = LEVEL
     ) -> Judgement:
-        """Judge a robot's new log against its own past: "same arm", or the changes.
+        """Judge a robot's new log against its own past: "same arm", changes, wrong statements.
 
         Parameters
         ----------
@@ -297,12 +296,14 @@ class Fleet:
             )
         log, source = logged(results, notes)
         judgement = judged(log, self._before(log, self.parameters()), level)
-        if not judgement.changes:
-            return judgement
-        # A log that is read wrongly looks like another arm.
-        lines = (wrong_statements(source.dynamics, record) for record in source.records)
-        statements = dict.fromkeys(itertools.chain.from_iterable(lines))
-        return replace(judgement, statements=tuple(statements))
+        fit = results[-1]
+        # A fit of torques has examined its own log.
+        lines = [cause.line for cause in fit.causes] if isinstance(fit, TorqueFit) else []
+        # A log that is read wrongly looks like another arm, or hides a change of it.
+        if not lines and (judgement.changes or fit.doubts):
+            for record in source.records:
+                lines += wrong_statements(source.dynamics, record)
+        return replace(judgement, statements=tuple(dict.fromkeys(lines)))
 
     def _before(self, log: Logged, rows: Sequence[FleetRow]) -> tuple[Effect, ...]:
         """Effects of all but this log and later ones of its robot; in large fleets, `effects`."""

@@ -18,7 +18,6 @@ from plant.parts import (
     Shown,
     Table,
     Verdict,
-    Warned,
     frozen,
     frozen_settings,
     instance,
@@ -225,8 +224,8 @@ class Judgement(Shown):
     unknown : str
         Why nothing can be compared; "" otherwise.
     statements : tuple of str
-        What the log, its rig or its law states wrongly, where something changed: that would explain
-        it, too.
+        What the log, its rig or its law states wrongly, where something changed or the fit has
+        doubts: it may explain a change, or hide one.
     """
 
     robot: str
@@ -243,14 +242,16 @@ class Judgement(Shown):
 
     @property
     def verdict(self) -> str:
-        """In words: "same arm", or what changed."""
-        if self.unknown:
-            return f"not judged: {self.unknown}"
-        if not self.changes:
-            return "same arm"
-        return ", ".join(
+        """In words: wrong statements; what changed, or "same arm"."""
+        words = ", ".join(
             f"{change} (false alarm {chance_of(change.false_alarm)})" for change in self.changes
         )
+        if self.unknown:
+            words = f"not judged: {self.unknown}"
+        if not self.statements:
+            return words or "same arm"
+        wrong = f"wrong statements: {' '.join(self.statements)}"
+        return f"{wrong} As stated: {words}" if words else wrong
 
     @property
     def day(self) -> str:
@@ -262,10 +263,8 @@ class Judgement(Shown):
 
     def _shown(self) -> Iterator[Piece]:
         # Neither good nor bad where nothing could be compared.
-        good = None if self.unknown else not self.changes
+        good = None if self.unknown else not (self.changes or self.statements)
         yield Verdict(f"{self.robot}, {self.day}: {self.verdict}", good)
-        # Before the table: a wrong statement may be all that has changed.
-        yield Warned(list(self.statements))
         rows = [
             (
                 change.label,

@@ -166,7 +166,7 @@ def test_a_change_is_named(tmp_path):
 
 
 def test_a_change_comes_with_what_the_log_states_wrongly(tmp_path):
-    """In the words of the checkup; none beside a right log, or where nothing changed."""
+    """In the words of the checkup; none beside a right log, or where nothing is doubted."""
     fleet, own = filled(tmp_path / "fleet.sqlite")
     notes = {"robot": "cell_3", "time": "2026-05-04", "temperature": 20.0}
     right = dataclasses.replace(long_log(), notes=notes)
@@ -174,10 +174,15 @@ def test_a_change_comes_with_what_the_log_states_wrongly(tmp_path):
     changed = found(own[3] + np.array([*np.zeros(len(NAMES) - 1), 0.5]))
     cause, *_ = turned.check().causes
     judgement = fleet.judge(turned, changed)
-    assert judgement.statements[0] == cause.line
+    assert cause.sentence in judgement.statements[0]
     assert cause.sentence in " ".join(str(judgement).split())
     assert fleet.judge(right, changed).statements == ()
     assert fleet.judge(turned, found(own[3])).statements == ()
+    # What a fit found in its log may also hide a change.
+    doubted = dataclasses.replace(found(own[3]), causes=(cause,))
+    judgement = fleet.judge(turned, doubted)
+    assert (judgement.changes, judgement.statements) == ((), (cause.line,))
+    assert judgement.verdict == f"wrong statements: {cause.line}"
 
 
 def test_what_grows_is_seen_in_a_line_before_it_stands_out(tmp_path):
