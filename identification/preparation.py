@@ -16,6 +16,7 @@ from identification.equation_error import (
     column_of,
     fit_torque,
     linear,
+    misread,
     mode_in,
     naming,
     over_bands,
@@ -115,7 +116,7 @@ def _require_unsaturated(record, labels):
     else:
         if oscillations := own_oscillations(record):
             reason = f": its loop oscillates at {oscillations[0]:.3g} Hz"
-        if misreading := naming.misread(record, limited=True):
+        if misreading := misread(record, limited=True):
             correction = f"{misreading[0]} As it is, "
             advice = "Correct that first."
     raise ValueError(

@@ -449,9 +449,10 @@ def _likely_cause(problem: Problem, *, plain: bool = False) -> str:
         with contextlib.suppress(ValueError):
             # A checkup takes seconds, and accuses no log that nothing else doubts. The equation of
             # motion of the first record is examined in any case.
-            if plain and not law_differs(torque_apart(record)):
-                if k or not restated(dynamics, record):
-                    continue
+            if plain and not (
+                law_differs(torque_apart(record)) or (k == 0 and restated(dynamics, record))
+            ):
+                continue
             statements = of_statements(record.rig, problem.records, dynamics.chain)
             for line in itertools.chain(wrong_statements(dynamics, record), statements):
                 label = record_label(problem.records, k)

@@ -4,7 +4,7 @@ Read `filters`, `regressor` (and measured torque), `least_squares`, `torque_fit`
 (counts alone) and `logged_torques` (`fit_torque`): its `torque_equations`, the band that
 `band_choice` chooses, and the friction that `logged_friction` tries. `restated` (mistakes in
 columns and gravity, whatever f is: `stated_equation`, on a `leaning_base` too, with the main gain
-of a law, `law_gains`, left open, and `restatements`),
+of a law, `law_gains`, left open, and `restatements`; after `checked_up`, a checkup without an arm),
 `own_rows` (a user's hypotheses beside them) and `arm_check` (no arm has these f) test it.
 """
 
@@ -18,6 +18,7 @@ from identification.equation_error.between_runs import (
     runs_agree,
 )
 from identification.equation_error.bounds import bounded
+from identification.equation_error.checked_up import checkup_of, misread
 from identification.equation_error.estimate import Estimate
 from identification.equation_error.excitation import advice, from_prior, still, unexcited
 from identification.equation_error.filters import BAND_MOST, CUTOFF, derivatives, low_pass
@@ -59,11 +60,9 @@ from identification.equation_error.least_squares import (
 from identification.equation_error.logged_torques import fit_torque
 from identification.equation_error.naming import (
     RecordError,
-    checkup_of,
     column_of,
     each_named,
     held_out,
-    misread,
     of_each,
     record_label,
     short_names,

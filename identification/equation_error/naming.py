@@ -1,14 +1,12 @@
 """Names in messages, tables and figures: records by place and file, parameters with units."""
 
 import contextlib
-import functools
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Any, TypeVar
 
 import numpy as np
 
 from plant import Dynamics, Record
-from plant.checkup import Checkup
 from plant.mechanics import STANDARD
 
 T = TypeVar("T")
@@ -30,22 +28,6 @@ _OF_RIG = {
     "law.position": "1/s",
     "law.speed": "N m s per pulse",
 }
-
-# These checks ask whether the columns are right, and whether the rig and the law describe them
-# correctly. A wrong column makes everything else look wrong, so the findings of these checks come
-# before all others.
-_MISREAD = (
-    "law",
-    "rows left out",
-    "copied columns",
-    "units of counts",
-    "quantisation step",
-    "swapped joints",
-    "gear sign",
-    "drive sign",
-    "swapped torques",
-    "units of torque",
-)
 
 # Numbers that are stated on the joint side, where a slide has other units than a joint that turns.
 # Each value is the field of `JointUnits` that holds the unit.
@@ -166,44 +148,6 @@ def column_of(record: Record, field: str, joint: int) -> str:
     """
     column = record.column(field, joint)
     return "" if column == field else f", {column},"
-
-
-def checkup_of(record: Record) -> Checkup:
-    """`record.check()`, which takes seconds of a wrong log, once for each record."""
-    # Records are equal whatever their columns are called, but advice names the columns.
-    return _checkup_of(record, repr(record.columns))
-
-
-@functools.lru_cache(maxsize=4)
-def _checkup_of(record: Record, columns: str) -> Checkup:
-    return record.check()
-
-
-def misread(record: Record, *, limited: bool = False) -> tuple[str, ...]:
-    """What the checkup of a record calls wrong in its columns, the likeliest first.
-
-    With `limited`, units of torque are left out: an amplifier at its limit looks like a wrong unit.
-    """
-    checkup = checkup_of(record)
-    causes = {cause.line for cause in checkup.causes}
-    # An export whose torques are late is late by whole rows; a drive may lag by less.
-    late = {
-        cause.line
-        for cause in checkup.causes
-        if cause.name == "late torques" and cause.size == round(cause.size)
-    }
-    lines = []
-    for finding in checkup.problems:
-        wrong = finding.verdict == "wrong" and finding.check in _MISREAD
-        if not wrong and finding.advice not in late:
-            continue
-        if limited and finding.check == "units of torque":
-            continue
-        # A cause names its joints itself.
-        joint = "" if finding.joint is None else f" of {checkup.joint_labels[finding.joint]}"
-        prefix = "" if finding.advice in causes else f"{finding.check}{joint}: "
-        lines.append(f"{prefix}{finding.advice}")
-    return tuple(dict.fromkeys(lines))
 
 
 def each_named(records: Sequence[Record]) -> Iterator[tuple[Record, Any]]:

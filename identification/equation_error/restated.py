@@ -14,7 +14,7 @@ from dataclasses import replace
 from typing import NamedTuple
 
 from identification.equation_error import restatements as undo
-from identification.equation_error.naming import checkup_of, misread
+from identification.equation_error.checked_up import checkup_of, misread
 from identification.equation_error.stated_equation import SETTINGS, TorqueEquation
 from identification.equation_error.torque_logs import TorqueLog
 from plant import Dynamics, Hypothesis, Record
@@ -325,8 +325,8 @@ def wrong_statements(dynamics: Dynamics, record: Record) -> tuple[str, ...]:
     The equation of motion then examines the record with these corrected, so that none is reported
     twice.
     """
-    misreadings = misread(record)
-    corrected = checkup_of(record).corrected if misreadings else record
+    misreadings = misread(record, dynamics)
+    corrected = checkup_of(record, dynamics).corrected if misreadings else record
     return (*misreadings, *(cause.line for cause in restated(dynamics, corrected)))
 
 
@@ -346,7 +346,7 @@ def mistakes_of(dynamics: Dynamics, record: Record) -> Mistakes:
 
     The gravity of a chain is no statement of a record.
     """
-    checkup = checkup_of(record)
+    checkup = checkup_of(record, dynamics)
     lines = [cause.line for cause in checkup.causes if cause.certain]
     corrected = checkup.corrected
     for cause in restated(dynamics, corrected):

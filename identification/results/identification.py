@@ -315,7 +315,7 @@ class Identification(PredictsTorque, Shown, Saved, Frozen):
         of_log: tuple[Cause, ...] = ()
         # A checkup takes time, and accuses no log that nothing else doubts.
         if self.doubts:
-            checkup = checkup_of(record)
+            checkup = checkup_of(record, self.arm.dynamics)
             late = late_by_law(self)
             of_log = tuple(
                 cause

@@ -140,7 +140,7 @@ def warnings_of(identification: Any) -> dict[str, bool]:
         # Columns that were misread explain any doubt, but accuse no log that has none.
         statements = [*wrong_statements(dynamics, record)]
         for other in identification.records[1:]:
-            statements += misread(other)
+            statements += misread(other, dynamics)
     if statements and any(lines.values()):
         lines = {_EFFECTS: False} | lines
     # A second mistake shows in the corrected log.
@@ -293,7 +293,9 @@ def late_by_law(identification):
     delays = dict[int, Floats]()
     for i, apart in enumerate(identification.diagnostics.law_apart):
         record = identification.records[i]
-        for cause in checkup_of(record).causes if law_differs(apart) else ():
+        if not law_differs(apart):
+            continue
+        for cause in checkup_of(record, identification.arm.dynamics).causes:
             if cause.name == "late counts":
                 delay = delays.setdefault(i, np.zeros(record.n))
                 # A cause is the size beyond the causes before it; one without joints is of all.

@@ -48,12 +48,14 @@ from plant.checkup.undo import (
     turned_torque,
     zero_shifted,
 )
+from plant.checkup.without_arm import TABLE
 
 __all__ = [
     "BRIDGED",
     "LEAST_MOTION",
     "SETTINGS",
     "STEP_NOTE",
+    "TABLE",
     "Candidate",
     "Cause",
     "Check",

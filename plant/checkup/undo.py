@@ -149,12 +149,23 @@ def turned_reference(record: Any, joints: Joints, size: float) -> Any:
     return with_reference(record, _turned(record, record.reference_pulses, joints, angles))
 
 
-def turned_joint(record: Any, joints: Joints, size: float) -> Any:
-    """Change the sign of counts, reference and torque alike."""
+def turned_motion(record: Any, joints: Joints, size: float) -> Any:
+    """Change the sign of counts and reference alike."""
+    # Without a reference, counts of the wrong sign look like a torque of the wrong sign.
+    _needs_reference(record)
+    return _turned_motion(record, joints)
+
+
+def _turned_motion(record, joints):
     pulses = _turned(record, record.reference_pulses, joints, _mapped(record, "reference_position"))
     counts = _turned(record, record.counts, joints, _mapped(record, "position"))
     path = _path_moved(record, _signs(record, joints), np.zeros(record.n))
-    turned = with_counts(with_reference(record, pulses, path), counts)
+    return with_counts(with_reference(record, pulses, path), counts)
+
+
+def turned_joint(record: Any, joints: Joints, size: float) -> Any:
+    """Change the sign of counts, reference and torque alike."""
+    turned = _turned_motion(record, joints)
     logged = record.torque is not None or record.current is not None
     return turned_torque(turned, joints, size) if logged else turned
 

@@ -68,6 +68,7 @@ from plant.checkup.undo import (
     turned_counts,
     turned_error,
     turned_gear,
+    turned_motion,
     turned_reference,
     turned_torque,
     with_counts,
@@ -132,33 +133,40 @@ def _turns() -> Iterator[Hypothesis[Any]]:
     """Yield the rows: columns with the wrong sign."""
     signs = {
         "torque": ("drive sign", turned_torque),
+        # Without an arm the same as a turned torque; one column is turned more often than two.
+        "counts and reference": ("drive sign", turned_motion),
         "error": ("drive sign", turned_error),
         "counts": ("gear sign", turned_counts),
         "reference": ("gear sign", turned_reference),
         "gear": ("gear sign", turned_gear),
     }
     for name, (check, undo) in signs.items():
-        columns = name if name == "counts" else f"{name}s"
-        verb = "have" if name == "counts" else "has"
+        plural = " and " in name or name == "counts"
+        of_all = name if plural else f"{name}s"
+        verb = "have" if plural else "has"
+        columns = " and ".join(f"{{{column}}}" for column in name.split(" and "))
+        against = 6.0 if " and " in name else 5.0
         yield Hypothesis(
             name=f"turned {name}",
             check=check,
             sentence=f"The {name} of {{joint}} {verb} the wrong sign",
-            remedy="Change the sign of " + ("the gear." if name == "gear" else f"{{{name}}}."),
+            remedy=f"Change the sign of {'the gear' if name == 'gear' else columns}.",
             undo=undo,
             measurement=_LOAD,
             scope=each_joint,
+            against=against,
         )
         # A driver or a reader may well change the sign of all joints at once.
         if name != "gear":
             yield Hypothesis(
                 name=f"turned {name} of all joints",
                 check=check,
-                sentence=f"The {columns} of all joints have the wrong sign",
-                remedy=f"Change the sign of {{{name}}} of every joint.",
+                sentence=f"The {of_all} of all joints have the wrong sign",
+                remedy=f"Change the sign of {columns} of every joint.",
                 undo=undo,
                 measurement=_LOAD,
                 scope=several,
+                against=against,
             )
 
 

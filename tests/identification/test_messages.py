@@ -108,7 +108,7 @@ def test_a_turned_column_is_named_where_no_arm_explains_the_torque(record):
         record, torque=-record.torque, law=LoggedTorque(), reference=None, name="run_03.csv"
     )
     cause, *_ = turned.check().causes
-    assert (cause.name, cause.joints, cause.rivals) == ("turned torque of all joints", (), ())
+    assert (cause.name, cause.joints) == ("turned torque of all joints", ())
     with pytest.raises(ValueError, match="Correct that first; as it is, ") as refusal:
         identify(DYNAMICS, turned, progress=False)
     assert str(refusal.value).startswith(f"the record (run_03.csv): {cause.line} ")

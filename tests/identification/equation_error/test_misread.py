@@ -1,11 +1,64 @@
-"""Mistakes of a log that an identification repeats from its checkup."""
+"""Mistakes of a log that an identification, or a fit of torques, repeats from its checkup."""
 
-from types import SimpleNamespace
+import dataclasses
+from functools import cache
 
 import pytest
 
-from identification.equation_error import misread
-from plant.checkup import Cause, Check, Checkup
+from identification.equation_error import checkup_of, misread, wrong_statements
+from plant import Record, puma560, simulate
+from plant.checkup import Cause, Check, Checkup, Rival
+
+ARM, RIG = puma560.arm(), puma560.rig()
+
+
+class Checked:
+    """What `misread` takes of a record."""
+
+    columns = None
+
+    def __init__(self, checkup):
+        self.check = lambda: checkup
+
+
+@cache
+def log():
+    made = simulate(ARM, RIG, puma560.p_law(), puma560.reference(), duration=1.5)
+    return dataclasses.replace(made, current=None, true_q=None, true_qd=None, reference=None)
+
+
+def turned(record, *columns):
+    """A record with the sign of these columns of joint q[1] turned."""
+    changes = {name: getattr(record, name) * [1, -1] for name in columns}
+    return dataclasses.replace(record, **changes)
+
+
+def cause_of(name, check, **more):
+    return Cause(
+        name=name,
+        joints=(1,),
+        size=1.0,
+        unit="",
+        log_odds=200.0,
+        sentence=f"{name} it is",
+        remedy="Mend it.",
+        check=check,
+        **more,
+    )
+
+
+def checked(monkeypatch, cause, corrected):
+    """Records whose checkup names a cause, but for the corrected one."""
+
+    def check(record):
+        if record == corrected:
+            return Checkup(findings=(), records=(record,))
+        finding = Check(cause.check, 1).wrong(1.0, cause.line)
+        records = (record, corrected)
+        labels = ("1", "2")
+        return Checkup(findings=(finding,), joint_labels=labels, causes=(cause,), records=records)
+
+    monkeypatch.setattr(Record, "check", check)
 
 
 @pytest.mark.parametrize(("samples", "lines"), [(1.0, 1), (0.4, 0)])
@@ -23,5 +76,25 @@ def test_torques_late_by_whole_rows_are_a_mistake_of_the_export(samples, lines):
     )
     findings = tuple(Check("delay", i, "samples").look(samples, late.line) for i in range(2))
     checkup = Checkup(findings=findings, joint_labels=("1", "2"), causes=(late,))
-    record = SimpleNamespace(check=lambda: checkup)
-    assert misread(record) == (late.line,) * lines
+    assert misread(Checked(checkup)) == (late.line,) * lines
+
+
+@pytest.mark.parametrize(
+    ("columns", "name"),
+    [
+        (("torque",), "turned torque"),
+        (("error_pulses", "reference_pulses"), "turned counts and reference"),
+    ],
+)
+def test_an_arm_tells_a_turned_torque_from_a_turned_axis(monkeypatch, columns, name):
+    """Alone the log tells one of the two, and the other as its rival."""
+    wrong = turned(log(), *columns)
+    rival = Rival("turned counts and reference", (1,), 1.0, 199.0)
+    checked(
+        monkeypatch,
+        cause_of("turned torque", "drive sign", rivals=(rival,)),
+        turned(wrong, "torque"),
+    )
+    cause, *others = checkup_of(wrong, ARM.dynamics).causes
+    assert (cause.name, cause.joints, cause.rivals) == (name, (1,), ())
+    assert wrong_statements(ARM.dynamics, wrong)[:1] == (cause.line,)
