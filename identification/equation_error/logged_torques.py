@@ -254,14 +254,8 @@ def _judged(task: TorqueEquations, fit: TorqueFit, width: float) -> TorqueFit:
     # A log may be too short for the band that all errors are compared in.
     with contextlib.suppress(ValueError):
         error = error_of_logs(fit.arm, machine, task.logs, further=fit.further)
-    return replace(
-        fit,
-        path=log.path,
-        rig=machine,
-        error=error,
-        causes=of_log(task.dynamics, log, width),
-        doubts=tuple(arm.doubts()),
-    )
+    judged = replace(fit, path=log.path, rig=machine, error=error, doubts=tuple(arm.doubts()))
+    return replace(judged, causes=of_log(task.dynamics, log, width, bool(judged.warnings)))
 
 
 def _chosen(

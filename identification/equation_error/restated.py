@@ -16,7 +16,8 @@ from typing import NamedTuple
 from identification.equation_error import restatements as undo
 from identification.equation_error.checked_up import checkup_of, misread
 from identification.equation_error.stated_equation import SETTINGS, TorqueEquation
-from identification.equation_error.torque_logs import TorqueLog
+from identification.equation_error.stated_law import law_differs, torque_apart
+from identification.equation_error.torque_logs import TorqueLog, torque_logs
 from plant import Dynamics, Hypothesis, Record
 from plant.checkup import (
     Candidate,
@@ -358,9 +359,22 @@ def mistakes_of(dynamics: Dynamics, record: Record) -> Mistakes:
     return Mistakes(tuple(lines), corrected if lines else record)
 
 
-def of_log(dynamics: Dynamics, log: TorqueLog, band: float) -> tuple[Cause, ...]:
+def of_log(
+    dynamics: Dynamics, log: TorqueLog, band: float, doubted: bool = False
+) -> tuple[Cause, ...]:
     """What a log of positions and torques states wrongly, in a band [Hz].
 
-    There is no cause where a torque is missing.
+    First what the checkup of its record calls wrong, if the log is `doubted`, or contradicts the
+    equation of motion or its law; then the equation of motion examines the log with that corrected.
     """
-    return contradictions(TorqueEquation.of_band(dynamics, log, band))
+    causes = contradictions(TorqueEquation.of_band(dynamics, log, band))
+    record = log.record
+    if record is None or not (doubted or causes or law_differs(torque_apart(record))):
+        return causes
+    lines = misread(record, dynamics)
+    checkup = checkup_of(record, dynamics)
+    misreadings = tuple(cause for cause in checkup.causes if cause.line in lines)
+    if not misreadings:
+        return causes
+    (corrected,) = torque_logs(dynamics, checkup.corrected, None, None)
+    return (*misreadings, *contradictions(TorqueEquation.of_band(dynamics, corrected, band)))

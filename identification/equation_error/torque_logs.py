@@ -136,6 +136,7 @@ class TorqueLog:
     NaN in a column of torque that was not measured. `rig`: with the log's period. `valid` (N,) or
     None: weight of each sample; rows near one without weight do not count. `counted`: whether the
     positions are counts of the rig's encoders. `path`: the reference that was followed, if known.
+    `record`: of which this is the log, as it was given.
     """
 
     label: str
@@ -145,6 +146,7 @@ class TorqueLog:
     valid: Floats | None = None
     counted: bool = False
     path: Reference | None = None
+    record: Record | None = None
 
 
 def torque_logs(dynamics: Dynamics, q, torque, rig: Rig | None) -> list[TorqueLog]:
@@ -223,8 +225,9 @@ def evened(record: Record) -> Record:
 
 def _of_records(dynamics, records):
     logs = []
-    for k, (record, about) in enumerate(each_named(records)):
+    for k, (given, about) in enumerate(each_named(records)):
         with about:
+            record = given
             record.rig.require_fit(dynamics.chain)
             # Lost rows are bridged first: a filter would ring at their jumps, and at those of rows
             # without weight in longer gaps.
@@ -246,6 +249,7 @@ def _of_records(dynamics, records):
                 valid=record.valid,
                 counted=True,
                 path=record.reference,
+                record=given,
             )
         )
     return logs

@@ -5,6 +5,7 @@ from functools import cache
 
 import pytest
 
+from identification import fit_torque
 from identification.equation_error import checkup_of, misread, wrong_statements
 from plant import Record, puma560, simulate
 from plant.checkup import Cause, Check, Checkup, Rival
@@ -77,6 +78,18 @@ def test_torques_late_by_whole_rows_are_a_mistake_of_the_export(samples, lines):
     findings = tuple(Check("delay", i, "samples").look(samples, late.line) for i in range(2))
     checkup = Checkup(findings=findings, joint_labels=("1", "2"), causes=(late,))
     assert misread(Checked(checkup)) == (late.line,) * lines
+
+
+def test_a_fit_of_torques_names_what_the_checkup_names(monkeypatch):
+    """Currents look like a turned torque to the equation of motion alone."""
+    currents = log().torque / (RIG.drive.gear * RIG.drive.motor_gain)
+    wrong = dataclasses.replace(log(), torque=currents)
+    cause = cause_of("torque a motor current in A", "units of torque")
+    checked(monkeypatch, cause, log())
+    fit = fit_torque(ARM.dynamics, wrong, band=20.0, least_speed=0.1)
+    assert fit.causes == (cause,)
+    assert fit.warnings[0] == cause.line
+    assert fit_torque(ARM.dynamics, log(), band=20.0, least_speed=0.1).causes == ()
 
 
 @pytest.mark.parametrize(
