@@ -364,10 +364,12 @@ def of_log(
 ) -> tuple[Cause, ...]:
     """What a log of positions and torques states wrongly, in a band [Hz].
 
-    First what the checkup of its record calls wrong, if the log is `doubted`, or contradicts the
-    equation of motion or its law; then the equation of motion examines the log with that corrected.
+    Where the log is `doubted`, or contradicts the equation of motion or its law, what the checkup
+    of its record calls wrong comes first, and the equation examines the log with that corrected;
+    but not where the equation's own causes explain more.
     """
-    causes = contradictions(TorqueEquation.of_band(dynamics, log, band))
+    equation = TorqueEquation.of_band(dynamics, log, band)
+    causes = contradictions(equation)
     record = log.record
     if record is None or not (doubted or causes or law_differs(torque_apart(record))):
         return causes
@@ -377,4 +379,8 @@ def of_log(
     if not misreadings:
         return causes
     (corrected,) = torque_logs(dynamics, checkup.corrected, None, None)
-    return (*misreadings, *contradictions(TorqueEquation.of_band(dynamics, corrected, band)))
+    without = TorqueEquation.of_band(dynamics, corrected, band)
+    explained = sum(cause.log_odds for cause in causes)
+    if equation and without and causes and explained > without.evidence - equation.evidence:
+        return causes
+    return (*misreadings, *contradictions(without))

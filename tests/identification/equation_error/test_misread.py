@@ -92,6 +92,14 @@ def test_a_fit_of_torques_names_what_the_checkup_names(monkeypatch):
     assert fit_torque(ARM.dynamics, log(), band=20.0, least_speed=0.1).causes == ()
 
 
+def test_what_the_equation_of_motion_explains_better_comes_before_the_checkup(monkeypatch):
+    wrong = turned(log().cut(0.0, 1.4), "torque")
+    halved = dataclasses.replace(wrong, torque=wrong.torque / 2)
+    checked(monkeypatch, cause_of("torque scale", "units of torque"), halved)
+    fit = fit_torque(ARM.dynamics, wrong, band=20.0, least_speed=0.1)
+    assert [cause.name for cause in fit.causes] == ["torque sign"]
+
+
 @pytest.mark.parametrize(
     ("columns", "name"),
     [
