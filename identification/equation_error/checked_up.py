@@ -58,9 +58,11 @@ def _checkup_of(record: Record, columns: str, dynamics: Dynamics | None) -> Chec
         return checkup
     first, *others = checkup.causes
 
-    # 1. The record with either sign corrected, and the evidence for it of the equation of motion.
+    # 1. The record with either sign corrected, and the evidence for it: its own, and that of the
+    # equation of motion.
     trials = [(first, checkup.first_corrected)]
-    names = {rival.name for rival in first.rivals}
+    # The runner-up may be likelier by the arm, though not by the record alone.
+    names = {rival.name for rival in (*first.rivals, first.runner_up) if rival is not None}
     for row in TABLE:
         if row.name in names and row.check == _SIGNS:
             experiment, settings = Experiment(bridged(record)), SelectionSettings(causes=1)
@@ -69,7 +71,10 @@ def _checkup_of(record: Record, columns: str, dynamics: Dynamics | None) -> Chec
                 (cause, row.undo(record, cause.joints, cause.size)) for cause in ranked.causes
             ]
     equations = [TorqueEquation.of(dynamics, trial) for _, trial in trials]
-    evidence = [-np.inf if equation is None else equation.evidence for equation in equations]
+    evidence = [
+        -np.inf if equation is None else cause.log_odds + equation.evidence
+        for (cause, _), equation in zip(trials, equations, strict=True)
+    ]
 
     # 2. The first of those that the arm does not exclude.
     least = max(evidence) - SelectionSettings().undecided
