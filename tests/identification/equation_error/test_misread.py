@@ -8,7 +8,17 @@ import pytest
 from identification import fit_torque
 from identification.equation_error import checkup_of, misread, wrong_statements
 from plant import Record, puma560, simulate
-from plant.checkup import Cause, Check, Checkup, Rival
+from plant.checkup import (
+    TABLE,
+    Cause,
+    Check,
+    Checkup,
+    Experiment,
+    Rival,
+    SelectionSettings,
+    Trials,
+    ranking,
+)
 
 ARM, RIG = puma560.arm(), puma560.rig()
 
@@ -34,7 +44,7 @@ def turned(record, *columns):
     return dataclasses.replace(record, **changes)
 
 
-def cause_of(name, check, **more):
+def cause_of(name, check):
     return Cause(
         name=name,
         joints=(1,),
@@ -44,7 +54,6 @@ def cause_of(name, check, **more):
         sentence=f"{name} it is",
         remedy="Mend it.",
         check=check,
-        **more,
     )
 
 
@@ -110,12 +119,11 @@ def test_what_the_equation_of_motion_explains_better_comes_before_the_checkup(mo
 def test_an_arm_tells_a_turned_torque_from_a_turned_axis(monkeypatch, columns, name):
     """Alone the log tells one of the two, and the other as its rival."""
     wrong = turned(log(), *columns)
-    rival = Rival("turned counts and reference", (1,), 1.0, 199.0)
-    checked(
-        monkeypatch,
-        cause_of("turned torque", "drive sign", rivals=(rival,)),
-        turned(wrong, "torque"),
-    )
+    rows = [row for row in TABLE if row.name == "turned torque"]
+    alone = SelectionSettings(causes=1)
+    (told,) = ranking(Experiment(wrong), Trials(rows), ("1", "2"), alone).causes
+    rival = Rival("turned counts and reference", (1,), 1.0, told.log_odds - 1)
+    checked(monkeypatch, dataclasses.replace(told, rivals=(rival,)), turned(wrong, "torque"))
     cause, *others = checkup_of(wrong, ARM.dynamics).causes
     assert (cause.name, cause.joints, cause.rivals) == (name, (1,), ())
     assert wrong_statements(ARM.dynamics, wrong)[:1] == (cause.line,)
