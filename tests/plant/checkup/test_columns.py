@@ -121,6 +121,7 @@ def test_a_current_of_the_other_sign_is_turned_back(table, spoiled):
     (cause,) = checkup.causes
     assert (cause.name, cause.joints) == ("turned torque", (1,))
     assert "column 'i2' (current)" in cause.remedy
+    assert [rival.name for rival in cause.rivals] == ["turned counts and reference"]
     np.testing.assert_array_equal(checkup.corrected.current, record.current * (1, -1))
 
 
