@@ -254,7 +254,12 @@ def other_variants(equation, joints):
 
     Friction that a law compensates is among the torques that it commands.
     """
-    for place in range(len(_variants(equation))):
+    limit = equation.rig.drive.torque_limit()
+    limited = np.mean(np.abs(equation.torque) > SETTINGS.near_limit * limit, axis=0)
+    for place, text in enumerate(_variants(equation)):
+        # A law that is hardly ever at its limit does not show what it does there.
+        if text.startswith("anti_windup") and limited.max() < SETTINGS.limited:
+            continue
         other = with_variant(equation, joints, place)
         known = _unlikely_friction(equation) - _unlikely_friction(other)
         yield place, known + other.evidence_at_best - equation.evidence
