@@ -56,7 +56,8 @@ def _checkup_of(record: Record, columns: str, dynamics: Dynamics | None) -> Chec
     checkup = checkup_of(record)
     if not checkup.causes or checkup.causes[0].check != _SIGNS:
         return checkup
-    first, *others = checkup.causes
+    first = checkup.causes[0]
+    others = checkup.causes[1:]
 
     # 1. The record with either sign corrected, and the evidence for it: its own, and that of the
     # equation of motion.

@@ -235,11 +235,7 @@ def weighted(
     if prior is not None:
         rounds += 2
     for _ in range(rounds):
-        columns = rows * weight[:, None]
-        torques = target * weight
-        if prior is not None:
-            columns = np.vstack([columns, prior[0]])
-            torques = np.append(torques, prior[1])
+        columns, torques = _with_prior(prior, rows * weight[:, None], target * weight)
         values, covariance, condition = least_squares(names, columns, torques)
         residual = target - product(rows, values)
         # Degrees of freedom that remain, per equation.
@@ -302,6 +298,16 @@ def weighted(
         free=free,
         **report,
     )
+
+
+def _with_prior(
+    prior: tuple[Floats, Floats] | None, columns: Floats, torques: Floats
+) -> tuple[Floats, Floats]:
+    """Columns (M, k) and torques (M,) with the rows of a prior below them, if there is one."""
+    if prior is None:
+        return columns, torques
+    rows, target = prior
+    return np.vstack([columns, rows]), np.append(torques, target)
 
 
 def _by_segments(
