@@ -480,10 +480,15 @@ def zero_evidence(experiment: Experiment, joints: Joints) -> Any:
     if experiment.cut_off[chosen].any():
         return ()
     law, logged = commanded[:, chosen].ravel(), torque[:, chosen].ravel()
-    scale, constant = np.polynomial.polynomial.polyfit(law, logged, 1)[::-1]
-    error = (np.asarray(experiment.signals.reference) - experiment.signals.counts)[:, chosen]
+    error = (np.asarray(experiment.signals.reference) - experiment.signals.counts)[
+        :, chosen
+    ].ravel()
+    moves, swings = error - error.mean(), law - law.mean()
     # The gain [N m/pulse] of the law, for which a shift of the zero is one of the torque.
-    gain = np.polynomial.polynomial.polyfit(error.ravel(), law, 1)[1]
+    gain = swings @ moves / max(moves @ moves, 1e-300)
+    scale = swings @ logged / max(swings @ swings, 1e-300)
+    constant = logged.mean() - scale * law.mean()
+    # A joint that stands, and one whose torque does not change, show none.
     if not scale * gain:
         return ()
     least = np.mean((logged - law * (law @ logged) / (law @ law)) ** 2)

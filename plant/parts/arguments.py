@@ -65,8 +65,11 @@ def array(
     if not matches and result.ndim == len(shape) == 2 and result.T.shape == shape != result.shape:
         advice = f"It lies on its side: give its transpose (.T). {advice}"
     if not matches:
-        got = f"shape {result.shape}" if result.ndim else f"{value!r:.80}"
-        raise ValueError(f"{name} must have shape {expected}; got {got}. {advice}")
+        # A number in place of a list is told by itself, since its shape says little.
+        number = "" if result.ndim else f", {value!r:.80}"
+        raise ValueError(
+            f"{name} must have shape {expected}; got shape {result.shape}{number}. {advice}"
+        )
     if finite and not np.isfinite(result).all():
         # One index is enough: the message must stay one line for a log of any length.
         index = tuple(int(i) for i in np.argwhere(~np.isfinite(result))[0])

@@ -41,8 +41,8 @@ def test_array_keeps_every_finite_number_and_copies(values):
             r"^x must be numbers of shape \(2, 2\); got \[\[1, 2\], \[3\]\]\. Do so\.$",
         ),
         ("one", (1,), r"^x must be numbers of shape \(1,\); got 'one'\. Do so\.$"),
-        (None, (1,), r"shape \(1,\); got None\. Do so\.$"),
-        (2.5, ("n",), r"shape \(n,\); got 2\.5\. Do so\.$"),
+        (None, (1,), r"shape \(1,\); got shape \(\), None\. Do so\.$"),
+        (2.5, ("n",), r"shape \(n,\); got shape \(\), 2\.5\. Do so\.$"),
         (np.nan, (), r"must be finite; got nan\. Do so\.$"),
         ([1, np.nan], (2,), r"^x must be finite; got nan at index 1\. Do so\.$"),
         (

@@ -381,7 +381,10 @@ def test_misspelt_option_of_simulate():
     ("make", "message"),
     [
         (lambda: P(gain=(1.0, np.nan)), "gain of P must be finite; got nan at index 1"),
-        (lambda: P(gain=1.0), r"gain of P must have shape \(n,\); got 1\.0\. Give a list, one"),
+        (
+            lambda: P(gain=1.0),
+            r"gain of P must have shape \(n,\); got shape \(\), 1\.0\. Give a list, one",
+        ),
         (lambda: P(gain=()), r"gain of P must have shape \(n,\), of one joint or more; got none"),
         (lambda: Encoder(resolution=np.nan), r"Encoder must be finite; got nan\. Give one number"),
         (
