@@ -15,10 +15,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from plant.checkup.along_log import at_times, sample_times, torque_along
-from plant.checkup.evidence import by_friction
 from plant.checkup.hypothesis import Joints, columns_of
 from plant.checkup.score import SETTINGS as SCORE
 from plant.checkup.score import Experiment
+from plant.checkup.torque_evidence import by_friction
 from plant.laws import PD, Cascade, P
 from plant.parts import Floats
 

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from plant.checkup.counts import hardly_asked
-from plant.checkup.evidence import delays, feeds_forward, lag
+from plant.checkup.delays import delays, feeds_forward, lag
 from plant.checkup.finding import Check, Finding, unless
 from plant.checkup.hypothesis import SELECTION, Cause, Ranking
 from plant.checkup.innovation import LEAST_MOTION

@@ -10,35 +10,36 @@ from typing import Any
 
 import numpy as np
 
-from plant.checkup.evidence import (
-    DELAYS,
-    command_ratios,
-    delay_evidence,
-    delay_sizes,
+from plant.checkup.counts_evidence import (
     edges_evidence,
-    friction_ratios,
-    gains_evidence,
-    gravity_evidence,
     grid_evidence,
-    inverse_slopes,
-    mean_errors,
-    model_evidence,
     period_evidence,
     radian_evidence,
-    rate_evidence,
-    rated_shares,
     rounding_evidence,
-    slopes,
     steps_evidence,
     time_unit_evidence,
-    torque_delays,
+)
+from plant.checkup.delays import DELAYS, delay_evidence, delay_sizes, torque_delays
+from plant.checkup.gain_units import GAINS, other_gains, unit_evidence
+from plant.checkup.hypothesis import Hypothesis, Joints, each_joint, pairs
+from plant.checkup.sizes import (
+    command_ratios,
+    friction_ratios,
+    inverse_slopes,
+    mean_errors,
+    rated_shares,
+    slopes,
     torque_ratios,
     used_limits,
+)
+from plant.checkup.torque_evidence import (
+    gains_evidence,
+    gravity_evidence,
+    model_evidence,
+    rate_evidence,
     viscous_evidence,
     zero_evidence,
 )
-from plant.checkup.gain_units import GAINS, other_gains, unit_evidence
-from plant.checkup.hypothesis import Hypothesis, Joints, each_joint, pairs
 from plant.checkup.undo import (
     as_commanded,
     counted_edges,

@@ -1,0 +1,214 @@
+"""Counts and torques that are late: delays that are tried, and the evidence for one."""
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from plant.checkup.along_log import at_times, sample_times
+from plant.checkup.hypothesis import Joints, columns_of
+from plant.checkup.score import SETTINGS as SCORE
+from plant.checkup.score import Experiment
+from plant.checkup.torque_regression import TorqueRegression, least_squares
+from plant.laws import block_of
+from plant.parts import Floats, frozen_settings
+
+
+@frozen_settings
+class DelaySettings:
+    """What a delay is told from; all chosen by hand.
+
+    Parameters
+    ----------
+    unseen : float
+        Delay [samples] up to which torque and motion alone do not show it.
+    viscous_spread : float
+        Standard deviation of the viscous friction that a rig states, relative: it doubles with the
+        temperature of the grease.
+    least_lag : float
+        Lag [samples] that a law leaves by what its model lacks.
+    """
+
+    unseen: float = 2.5
+    viscous_spread: float = 0.5
+    least_lag: float = 0.2
+
+
+SETTINGS = DelaySettings()
+
+
+DELAYS = (-2.0, -1.0, -0.5, 0.5, 1.0, 2.0, 3.0, 5.0, 8.0)
+"""Samples by which counts may be late; the best is refined."""
+
+
+BETWEEN_ROWS = (0.25, 0.75, 1.25, 1.5, 1.75, 2.25, 2.5)
+"""Delays between these, of counts that a law with memory read. In logs of ``spoilers.late`` the
+torque of a PID is that of the log within 0.2 samples of the right delay."""
+
+
+TORQUE_DELAYS = (-1.0, -0.5, 0.5, 1.0, 2.0, 4.0, 8.0)
+"""The same of torques, which no cause makes early by much. Longer delays follow from the log."""
+
+
+def delay_sizes(sizes: tuple[float, ...]) -> Callable[..., tuple[float, ...]]:
+    """Delays that are tried: those that torque and motion alone can show, where no law helps."""
+
+    def tried(experiment, joints):
+        # Between two rows that are tried a law with memory may give quite another torque. Several
+        # joints are late by one delay in most logs, so that the others need no fine grid.
+        if experiment.has_memory and experiment.torques_of_law is not None and not joints:
+            return tuple(sorted({*sizes, *BETWEEN_ROWS}))
+        if experiment.torques_of_law is not None or experiment.signals.torque is None:
+            return sizes
+        # Torque is held between samples, drives take time, and feedback has noise.
+        return tuple(size for size in sizes if size > SETTINGS.unseen)
+
+    return tried
+
+
+def torque_delays(experiment: Experiment, joints: Joints) -> tuple[float, ...]:
+    """Delays of torques that are tried: short ones, and that at which they are most like the law's.
+
+    Where no law tells the torque, all torques are tried with some longer delays.
+    """
+    sizes = delay_sizes(TORQUE_DELAYS)(experiment, joints)
+    longest = SCORE.latest / experiment.signals.interval
+    correlations = experiment.once(_correlations)
+    if correlations is None:
+        if joints:
+            return sizes
+        doubled = sizes[-1] * 2.0 ** np.arange(1, 5)
+        return (*sizes, *doubled[doubled < longest].tolist())
+    like = correlations[: int(longest) + 2, columns_of(joints)].sum(axis=1)
+    size = float(like.argmax())
+    # Its neighbours bound the search for the best size.
+    return tuple(sorted({*sizes, size - 1.0, size, size + 1.0})) if size > 1 else sizes
+
+
+def _correlations(experiment):
+    """Correlation (K, n) of the logged torques with those of the law so many samples before."""
+    from scipy.signal import correlate
+
+    along = None if experiment.torques_of_law is None else experiment.torque_along
+    if along is None or not np.isfinite(along).all():
+        return None
+    signals = experiment.signals
+    drive = experiment.record.rig.drive
+    t = sample_times(signals, len(along))
+    logged = drive.joint_torque(at_times(t, signals.t, np.asarray(signals.torque)))
+    columns = []
+    for law, torque in zip(along.T, logged.T, strict=True):
+        before, after = (x - x.mean() for x in (law, torque))
+        size = np.sqrt(np.mean(before**2) * np.mean(after**2)) or 1.0
+        columns.append(correlate(after, before, method="fft")[len(along) - 1 :] / size)
+    return np.transpose(columns)
+
+
+class Delay(NamedTuple):
+    """Estimates of a delay [samples] with their standard deviations, joint by joint (n,).
+
+    `by_jerk`: of the torque that grows with the jerk of late counts. `by_speed`: of the torque that
+    grows with their speed, beyond the stated viscous friction, which may be another by a factor.
+    """
+
+    by_jerk: Floats
+    jerk_std: Floats
+    by_speed: Floats
+    speed_std: Floats
+
+
+def delays(experiment: Experiment) -> Delay | None:
+    """Delays that the torque of a law without memory shows, where no torque is logged."""
+    signals = experiment.signals
+    if signals.torque is not None or experiment.commanded is None or not signals.long_enough:
+        return None
+    # The gain [N m/pulse] of a law without memory turns a shift of the counts into torque.
+    error = np.asarray(signals.reference) - signals.counts
+    gain = (error * experiment.commanded).sum(axis=0) / np.maximum((error**2).sum(axis=0), 1e-300)
+    angle = experiment.record.rig.encoder.to_angle(np.ones(experiment.n))
+    # Viscous friction [N m s/rad] that looks like a delay of one sample.
+    per_sample = np.abs(gain * signals.interval / angle)
+    columns = np.full((4, experiment.n), np.nan)
+    stated = experiment.record.rig.drive.viscous
+    for i in range(experiment.n):
+        fit = TorqueRegression.of(signals, experiment.commanded, i)
+        if fit is not None and per_sample[i]:
+            spread = np.hypot(fit.viscous_std, SETTINGS.viscous_spread * stated[i])
+            speed = (fit.viscous - stated[i]) / per_sample[i]
+            columns[:, i] = fit.delay, fit.delay_std, speed, spread / per_sample[i]
+    return Delay(*columns)
+
+
+def delay_evidence(experiment: Experiment, joints: Joints) -> Any:
+    """Log odds of late counts; None if torque is logged, because the score then shows them.
+
+    A law with memory is an exception: its lag behind the reference counts also with logged torque.
+    """
+    logged = experiment.signals.torque is not None
+    if experiment.signals.reference is None:
+        return None if logged else ()
+    if experiment.has_memory:
+        return _lag_evidence(experiment, joints) or (None if logged else ())
+    if logged:
+        return None
+    delay = experiment.once(delays)
+    if delay is None:
+        return ()
+    chosen = columns_of(joints)
+    jerk, jerk_std = delay.by_jerk[chosen], delay.jerk_std[chosen]
+    values = np.concatenate([jerk, delay.by_speed[chosen]])
+    stds = np.concatenate([jerk_std, delay.speed_std[chosen]])
+    for value, gain in _common(values, stds):
+        # Torque that grows with the speed but not with the jerk is friction.
+        if np.nansum((jerk**2 - (jerk - value) ** 2) / jerk_std**2) > 0:
+            return ((value, gain),)
+    return ()
+
+
+def _common(values, stds):
+    """The value that several estimates share, with its log odds against zero."""
+    weight = np.nan_to_num(1 / np.maximum(stds, 1e-9) ** 2)
+    if not weight.sum():
+        return ()
+    value = float(np.nansum(weight * values) / weight.sum())
+    gain = float(np.nansum(weight * (values**2 - (values - value) ** 2)) / 2)
+    return ((value, gain),)
+
+
+def _lag_evidence(experiment, joints):
+    """Log odds of counts that lag, under a law that feeds the reference acceleration forward."""
+    # Any other law needs an error to act, and lags by itself.
+    if not feeds_forward(experiment):
+        return ()
+    values, stds = np.array(
+        [lag(experiment, i, friction=True) for i in joints or range(experiment.n)]
+    ).T
+    # What a law leaves of friction looks like a small lag. A lag is linear in the speed within the
+    # window over which speeds are smoothed; a longer one has another cause.
+    largest = np.abs(values).max()
+    if (
+        not SETTINGS.least_lag <= largest <= experiment.signals.window
+        or np.ptp(values) > SETTINGS.least_lag
+    ):
+        return ()
+    return _common(values, stds)
+
+
+def feeds_forward(experiment: Experiment) -> bool:
+    """Whether the law's torque depends on the acceleration of the reference."""
+    law = experiment.record.law
+    return law is not None and block_of(law, experiment.record.rig).depends("asked", "qdd")
+
+
+def lag(experiment: Experiment, i: int, *, friction: bool = False) -> tuple[float, float]:
+    """Samples by which the counts of joint i lag behind the reference, and standard deviation."""
+    signals = experiment.signals
+    reference, counts = (experiment.filtered(name, i) for name in ("reference", "counts"))
+    columns = [reference.speed, np.ones(len(counts.value))]
+    # Friction that the law lacks is an error with the sign of the speed.
+    if friction:
+        columns.append(reference.direction)
+    value, std = least_squares(
+        np.column_stack(columns), reference.value - counts.value, signals.window
+    )
+    return value[0] / signals.interval, std[0] / signals.interval

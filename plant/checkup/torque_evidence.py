@@ -1,0 +1,192 @@
+"""Evidence that a torque and the law's torque give, beside the score."""
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+
+from plant.checkup.delays import delays
+from plant.checkup.filtered import centred
+from plant.checkup.hypothesis import Joints, columns_of
+from plant.checkup.score import SETTINGS as SCORE
+from plant.checkup.score import Experiment
+from plant.checkup.sizes import friction_ratios, regressed
+from plant.checkup.torque_regression import SETTINGS as REGRESSION
+from plant.checkup.undo import as_commanded, gains_in_ampere, with_gravity
+from plant.parts import frozen_settings
+
+
+@frozen_settings
+class ModelSettings:
+    """When a torque is that of a model; all chosen by hand.
+
+    Parameters
+    ----------
+    frictionless : float
+        Dry friction of a torque over that of the law's, below which it has none: drives are
+        modelled with half their friction.
+    certain : float
+        Standard deviations from which on the dry friction of the law's torque is significant.
+    constant : float
+        Share of the law's torque below which a logged torque is constant: gear and gain are no
+        factor of a million.
+    """
+
+    frictionless: float = 0.2
+    certain: float = 3.0
+    constant: float = 1e-6
+
+
+MODEL = ModelSettings()
+
+
+def gains_evidence(experiment: Experiment, joints: Joints) -> Any:
+    """Log odds that gains are in A, by score and viscous friction; None if torque is logged."""
+    if experiment.once(delays) is None or not hasattr(experiment.record.law, "gain"):
+        return None
+    return ((1.0, by_friction(experiment, gains_in_ampere(experiment.record, joints, 1.0))),)
+
+
+def by_friction(experiment: Experiment, record: Any) -> float:
+    """How much likelier a log is with other gains, by its score and by its viscous friction."""
+    changed = experiment.changed(record)
+    before, after = experiment.once(delays), delays(changed)
+    gain = changed.score - experiment.score
+    # Viscous friction alone is a parameter; gains change inertia and Coulomb friction, too.
+    if before is not None and after is not None and gain > 0:
+        friction = (each.by_speed / each.speed_std for each in (before, after))
+        gain += float(np.subtract(*(np.nansum(ratio**2) / 2 for ratio in friction)))
+    return gain
+
+
+def viscous_evidence(experiment: Experiment, joints: Joints) -> Any:
+    """Log odds of another viscous friction, which adds torque with the speed but not the jerk."""
+    if experiment.signals.torque is not None:
+        return None
+    delay = experiment.once(delays)
+    i = joints[0]
+    stated = experiment.record.rig.drive.viscous[i]
+    if delay is None or not stated or not np.isfinite(delay.speed_std[i]):
+        return ()
+    size = friction_ratios("viscous")(experiment, joints)
+    return ((size[0], (delay.by_speed[i] / delay.speed_std[i]) ** 2 / 2),) if size else ()
+
+
+def _differences(experiment):
+    """Yield two filtered torques of each joint: the commanded one, and the logged one less it.
+
+    Each (M,) [N m], less its mean; nothing of a law with memory.
+    """
+    if experiment.commanded is None or experiment.signals.torque is None:
+        return
+    for i in range(experiment.n if experiment.long_enough else 0):
+        commanded, logged = (
+            centred(experiment.filtered(name, i).value) for name in ("commanded", "torque")
+        )
+        yield commanded, logged - commanded
+
+
+def _likelier(experiment, commanded, difference, columns):
+    """Coefficients of columns (M, k) of a difference of torques, and their log likelihood ratio."""
+    columns = columns - columns.mean(axis=0)
+    size = np.maximum(np.sqrt((columns**2).sum(axis=0)), np.finfo(float).tiny)
+    value = np.linalg.lstsq(columns / size, difference, rcond=None)[0] / size
+    floor = SCORE.command * (commanded**2).sum()
+    shares = [(x**2).sum() + floor for x in (difference, difference - columns @ value)]
+    return value, experiment.filter.equations / 2 * float(np.log(shares[0] / shares[1]))
+
+
+def gravity_evidence(experiment: Experiment, joints: Joints) -> Any:
+    """Log odds of gravity that a logged torque lacks, by slow steps of a law with memory.
+
+    None of another law: the score compares its torque, not steps. Quick steps of the torque are
+    those of the law, as gravity hardly changes meanwhile.
+    """
+    if experiment.slow_command is None:
+        return None
+    changed = experiment.changed(with_gravity(experiment.record, joints, 1.0))
+    before, after = (np.asarray(each.slow_command) for each in (experiment, changed))
+    # Where the state of the law before the log is unknown, so may be its torque.
+    if (after > SCORE.like * before).any():
+        return ()
+    windows = experiment.filter.equations / REGRESSION.per_window
+    explained = np.log((before + SCORE.steps) / (after + SCORE.steps))
+    return ((1.0, float(windows / 2 * explained.sum())),)
+
+
+def zero_evidence(experiment: Experiment, joints: Joints) -> Any:
+    """Log odds of a reference with another zero, by the mean of the law's torque.
+
+    None of a law with memory, or if no torque is logged: the score then shows it. A scale of the
+    torque, as of other gains or units, explains a part of the mean, and is no evidence.
+    """
+    torque, commanded = experiment.signals.torque, experiment.commanded
+    if torque is None or commanded is None or not experiment.long_enough:
+        return None
+    chosen = columns_of(joints)
+    # Counts that a motor at its limit cannot bring to the reference show no zero.
+    if experiment.cut_off[chosen].any():
+        return ()
+    law, logged = commanded[:, chosen].ravel(), torque[:, chosen].ravel()
+    error = (np.asarray(experiment.signals.reference) - experiment.signals.counts)[
+        :, chosen
+    ].ravel()
+    moves, swings = error - error.mean(), law - law.mean()
+    # The gain [N m/pulse] of the law, for which a shift of the zero is one of the torque.
+    gain = swings @ moves / max(moves @ moves, 1e-300)
+    scale = swings @ logged / max(swings @ swings, 1e-300)
+    constant = logged.mean() - scale * law.mean()
+    # A joint that stands, and one whose torque does not change, show none.
+    if not scale * gain:
+        return ()
+    least = np.mean((logged - law * (law @ logged) / (law @ law)) ** 2)
+    beside = np.mean((logged - scale * law - constant) ** 2)
+    floor = SCORE.another_zero * np.mean(logged**2)
+    odds = experiment.filter.equations / 2 * np.log((least + floor) / (beside + floor))
+    return ((float(-constant / (scale * gain)), float(odds)),)
+
+
+def rate_evidence(experiment: Experiment, joints: Joints) -> Any:
+    """Log odds of a logged torque that grows with the rate of the error, as of PD stated as P.
+
+    None under a law with memory: the steps of its torque tell.
+    """
+    rates, odds = list[float](), 0.0
+    if experiment.signals.reference is None:
+        return ()
+    if experiment.has_memory:
+        return None if experiment.command is not None else ()
+    for i, (commanded, difference) in enumerate(_differences(experiment)):
+        reference, counts = (experiment.filtered(name, i) for name in ("reference", "counts"))
+        gain = regressed(commanded, centred(reference.value - counts.value))
+        column = gain * (reference.speed - counts.speed)
+        value, likelier = _likelier(experiment, commanded, difference, column[:, None])
+        rates.append(float(value[0]))
+        odds += likelier
+    return ((float(np.median(rates)), odds),) if rates and min(rates) > 0 else ()
+
+
+def model_evidence(experiment: Experiment, joints: Joints) -> Iterator[tuple[float, float]]:
+    """Log odds of a logged torque that is inverse dynamics: it has no friction, the law's has."""
+    differences = list(_differences(experiment))
+    equations, motions = experiment.equations_of_motion, experiment.motions
+    measured = experiment.changed(as_commanded(experiment.record, joints, 1.0)).motions
+    if not differences or equations is None or motions is None or measured is None:
+        return
+    odds, lacking = 0.0, 0.0
+    for i, (commanded, difference) in enumerate(differences):
+        motion, logged, equation = measured[i], motions[i], equations[i]
+        # Beside the size of the torque, so that units do not count.
+        size = np.std(commanded + difference)
+        # A torque that hardly changes, as at the amplifier's limit or at rest, is no model's.
+        if not np.std(commanded) > 0 or size < MODEL.constant * np.std(commanded):
+            return
+        unit = np.std(commanded) / size
+        friction, std = unit * logged.coulomb, unit * logged.coulomb_std
+        if not friction < MODEL.frictionless * motion.coulomb + 2 * std:
+            return
+        lacking += ((motion.coulomb - friction) / np.hypot(std, motion.coulomb_std)) ** 2
+        columns = np.column_stack([equation.own, equation.free])
+        odds += _likelier(experiment, commanded, difference, columns)[1] - columns.shape[1]
+    if lacking > MODEL.certain**2:
+        yield 1.0, odds
