@@ -11,7 +11,7 @@ import numpy as np
 from plant.checkup.signals import Signals
 from plant.laws import FAST, Resumed, block_of, commanded_torque
 from plant.motion import smooth_splines
-from plant.parts import Floats
+from plant.parts import Bools, Floats
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -41,26 +41,34 @@ def steps_of_torque(
     `commanded` (K, n): joint torque of the law, as of `torque_along`. `slow`: steps over the
     smoothing window, of torques that are averaged over it.
     """
-    # A law that starts with the log has the right memory, and any other forgets the wrong one.
-    clear = signals.clear[: len(commanded)].copy()
-    clear[: signals.window] = False
-    clear[-signals.window :] = False
-    t = sample_times(signals, len(commanded))
-    rig, record = signals.rig, signals.record
-    injected = 0.0 if record.injected is None else at_times(t, record.t, record.injected)
-    logged = rig.drive.joint_torque(at_times(t, signals.t, np.asarray(signals.torque)))
+    clear, *torques = comparable_torques(signals, commanded)
+    drive = signals.rig.drive
     # The amplifier limits what the law commands, so compare limited torques.
-    torques = (
-        rig.drive.motor_torque(rig.drive.limited(joint)) for joint in (commanded + injected, logged)
-    )
+    torques = [drive.motor_torque(drive.limited(drive.joint_torque(motor))) for motor in torques]
     if slow:
-        torques = (signals.smooth_evenly(torque) for torque in torques)
+        torques = [signals.smooth_evenly(torque) for torque in torques]
     rows = signals.window if slow else 1
     steps, measured = (torque[rows:] - torque[:-rows] for torque in torques)
     steps = np.nan_to_num(steps, nan=0.0, posinf=0.0, neginf=0.0)
     # A step begins and ends where the memory of the law is the log's.
     both = clear[rows:] & clear[:-rows]
     return steps[both], measured[both]
+
+
+def comparable_torques(signals: Signals, commanded: Floats) -> tuple[Bools, Floats, Floats]:
+    """Rows (K,) that can be compared, and two motor torques (K, n): of the law, and logged.
+
+    `commanded` (K, n): joint torque of the law, as of `torque_along`. What was injected is added.
+    """
+    # A law that starts with the log has the right memory, and any other forgets the wrong one.
+    clear = signals.clear[: len(commanded)].copy()
+    clear[: signals.window] = False
+    clear[-signals.window :] = False
+    t = sample_times(signals, len(commanded))
+    record = signals.record
+    injected = 0.0 if record.injected is None else at_times(t, record.t, record.injected)
+    logged = at_times(t, signals.t, np.asarray(signals.torque))
+    return clear, signals.rig.drive.motor_torque(commanded + injected), logged
 
 
 def torque_along(signals: Signals, stated: Any, rig: Any) -> Floats | None:

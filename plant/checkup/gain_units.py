@@ -14,7 +14,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from plant.checkup.along_log import at_times, sample_times, torque_along
+from plant.checkup.along_log import SETTINGS as ALONG_LOG
+from plant.checkup.along_log import at_times, comparable_torques, sample_times, torque_along
 from plant.checkup.hypothesis import Joints, columns_of
 from plant.checkup.score import SETTINGS as SCORE
 from plant.checkup.score import Experiment
@@ -157,6 +158,47 @@ def _along_log(experiment: Experiment) -> LawTorque | None:
         return None
     parts = {name: torque(_scaled(law, (name,), (), 2.0)) - stated for name in names}
     return LawTorque(stated, parts)
+
+
+def gain_sizes(gain: str) -> Callable[..., tuple[float, ...]]:
+    """Sizes of a mistake in one of several gains, by the part that it makes of the torque."""
+
+    def sizes(experiment: Experiment, joints: Joints) -> tuple[float, ...]:
+        law, interval = experiment.record.law, experiment.signals.interval
+        if not _names(law, gain) or not _names(law, "gains") or experiment.torques_of_law is None:
+            return ()
+        # Between the rows of the log a faster law responds to counts that the log does not have.
+        if not law.period or not interval < ALONG_LOG.period * law.period:
+            return ()
+        factors = experiment.once(_factors_of_gains)
+        if factors is None or gain not in factors:
+            return ()
+        factor = float(np.median(factors[gain][columns_of(joints)]))
+        return (1 / factor,) if factor > 0 else ()
+
+    return sizes
+
+
+def _factors_of_gains(experiment):
+    """Factors (n,) of each gain that bring the law's torque nearest to the logged one, by steps."""
+    along = experiment.once(_along_log)
+    if along is None:
+        return None
+    drive = experiment.record.rig.drive
+    columns = [experiment.signals, drive.joint_torque(along.torque)]
+    clear, commanded, logged = comparable_torques(*columns)
+    within = clear[:, None] & (np.abs(commanded) < drive.motor_gain * drive.current_limit)
+    both = within[1:] & within[:-1]
+    lacking = np.where(both, np.diff(logged - commanded, axis=0), 0.0)
+    return {
+        name: 1 + _slopes(np.where(both, np.diff(part, axis=0), 0.0), lacking)
+        for name, part in along.parts.items()
+    }
+
+
+def _slopes(part, lacking):
+    power = (part**2).sum(axis=0)
+    return (part * lacking).sum(axis=0) / np.where(power > 0, power, 1.0)
 
 
 def unit_evidence(gain: str, unit: Unit) -> Callable[..., Iterator[tuple[float, float]]]:

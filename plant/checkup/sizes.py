@@ -4,6 +4,7 @@ from collections.abc import Callable
 
 import numpy as np
 
+from plant.checkup.along_log import comparable_torques
 from plant.checkup.filtered import centred
 from plant.checkup.hypothesis import Joints, columns_of
 from plant.checkup.quantisation import grid
@@ -127,18 +128,15 @@ def _slopes(experiment, joints, undo):
 def torque_ratios(experiment: Experiment, joints: Joints) -> tuple[float, ...]:
     """Logged over commanded torque: of a joint, or the median of all."""
     if experiment.has_memory:
-        # A memory is unknown, but hardly changes the steps from sample to sample.
-        steps = experiment.torques_of_law
-        if steps is None:
+        if experiment.torques_of_law is None:
             return ()
-        ratio = regressed(steps[1], steps[0])
+        ratio = _ratios_of_steps(experiment)
         return _positive(np.median(ratio[columns_of(joints)]))
     commanded, logged = experiment.commanded, experiment.signals.torque
     if commanded is None or logged is None:
         return ()
-    drive = experiment.record.rig.drive
-    limit = drive.motor_gain * drive.current_limit
     # An amplifier at its limit shows its limit, and no gain.
+    limit = _motor_limit(experiment)
     limited = np.abs(np.abs(logged) / limit - 1) < SETTINGS.at_limit
     ratio = np.array(
         [
@@ -147,6 +145,26 @@ def torque_ratios(experiment: Experiment, joints: Joints) -> tuple[float, ...]:
         ]
     )
     return _positive(np.median(ratio[columns_of(joints)]))
+
+
+def _ratios_of_steps(experiment):
+    """Logged over commanded torque (n,) of a law with memory, by steps that no amplifier limits.
+
+    A memory is unknown, but hardly changes the steps from sample to sample. A torque in a wrong
+    scale meets the limit elsewhere than the command does, so the logged one is not limited.
+    """
+    signals, along = experiment.signals, experiment.torque_along
+    clear, commanded, logged = comparable_torques(signals, along)
+    limit = _motor_limit(experiment)
+    within = clear[:, None] & (np.abs(commanded) < (1 - SETTINGS.at_limit) * limit)
+    both = within[1:] & within[:-1]
+    steps, measured = (np.where(both, np.diff(motor, axis=0), 0.0) for motor in (commanded, logged))
+    return regressed(measured, steps)
+
+
+def _motor_limit(experiment):
+    drive = experiment.record.rig.drive
+    return drive.motor_gain * drive.current_limit
 
 
 def command_ratios(experiment: Experiment, joints: Joints) -> tuple[float, ...]:
@@ -192,7 +210,7 @@ def used_limits(experiment: Experiment, joints: Joints) -> tuple[float, ...]:
         at_limit = np.abs(torque[beyond, i]) > (1 - SETTINGS.at_limit) * largest
         if not at_limit.size or at_limit.mean() < SETTINGS.mostly:
             return ()
-    share = largest / float(drive.motor_gain[i] * drive.current_limit[i])
+    share = largest / float(_motor_limit(experiment)[i])
     return (share,) if share < 1 - SETTINGS.relevant else ()
 
 

@@ -20,7 +20,7 @@ from plant.checkup.counts_evidence import (
     time_unit_evidence,
 )
 from plant.checkup.delays import DELAYS, delay_evidence, delay_sizes, torque_delays
-from plant.checkup.gain_units import GAINS, other_gains, unit_evidence
+from plant.checkup.gain_units import GAINS, gain_sizes, other_gains, unit_evidence
 from plant.checkup.hypothesis import Hypothesis, Joints, each_joint, pairs
 from plant.checkup.sizes import (
     command_ratios,
@@ -463,6 +463,19 @@ def _sizes() -> Iterator[Hypothesis[Any]]:
             suggested=command_ratios,
             tolerance=0.3,
         )
+        for gain in (name for name in GAINS if name != "gains"):
+            words = gain if gain == "gain" else f"{gain} gain"
+            yield Hypothesis(
+                name=f"{words} alone",
+                check="units of gains",
+                sentence=f"The law's {words} of {whose} is {{value:.3g}} times what the log shows",
+                remedy="Correct it.",
+                undo=other_gains(gain),
+                measurement=_BLOCKED,
+                scope=scope,
+                suggested=gain_sizes(gain),
+                tolerance=0.3,
+            )
         yield Hypothesis(
             name="torque scale",
             check="units of torque",
