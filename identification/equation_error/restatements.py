@@ -254,15 +254,23 @@ def other_variants(equation, joints):
 
     Friction that a law compensates is among the torques that it commands.
     """
-    limit = equation.rig.drive.torque_limit()
-    limited = np.mean(np.abs(equation.torque) > SETTINGS.near_limit * limit, axis=0)
+    limited = _limited(equation)
     for place, text in enumerate(_variants(equation)):
         # A law that is hardly ever at its limit does not show what it does there.
-        if text.startswith("anti_windup") and limited.max() < SETTINGS.limited:
+        if text.startswith("anti_windup") and limited < SETTINGS.limited:
             continue
         other = with_variant(equation, joints, place)
+        # One that is mostly at its limit gives a constant torque, which any f and offset explain.
+        if _limited(other) > SETTINGS.mostly_limited:
+            continue
         known = _unlikely_friction(equation) - _unlikely_friction(other)
         yield place, known + other.evidence_at_best - equation.evidence
+
+
+def _limited(equation):
+    """Share of the rows at which a law is at its limit, of the joint with the largest."""
+    limit = equation.rig.drive.torque_limit()
+    return np.mean(np.abs(equation.torque) > SETTINGS.near_limit * limit, axis=0).max()
 
 
 def _unlikely_friction(equation):

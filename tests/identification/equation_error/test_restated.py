@@ -19,6 +19,7 @@ from identification.equation_error import (
     restated,
     restatements,
 )
+from identification.equation_error.stated_law import variants_of
 from identification.results import Detection, Sign
 from plant import (
     PID,
@@ -487,6 +488,18 @@ def test_gains_of_a_pid_that_are_not_stated_are_named_with_their_size():
     assert cause.size == pytest.approx(40, abs=4)
     corrected = mistakes_of(dynamics, wrong).corrected
     np.testing.assert_allclose(corrected.law.gain, right.law.gain, rtol=0.03)
+
+
+def test_a_law_that_winds_up_along_late_counts_explains_nothing():
+    """Its torque stays at the limit: a constant, which any f and offset explain."""
+    dynamics, right = ur5e_log(elbow_pid)
+    late = counts_in_time(right, (), -1.2)
+    equation = TorqueEquation.of(dynamics, late)
+    texts = [*variants_of(right.law, right.n)]
+    named = [texts[place] for place, _ in restatements.other_variants(equation, ())]
+    assert "anti_windup='none'" in texts
+    assert "anti_windup='none'" not in named
+    assert restated(dynamics, late)[0].name == "late counts of a law"
 
 
 def test_a_computed_torque_that_lacks_the_friction_of_the_stated_one_is_named():

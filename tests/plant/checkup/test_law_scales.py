@@ -1,0 +1,84 @@
+"""Scales of torques and of single gains under laws with memory, whose torque is compared by steps."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from plant import PD, PID, Cascade, puma560, simulate
+
+ARM, RIG, PATH = puma560.arm(), puma560.rig(), puma560.reference()
+GAIN = puma560.p_law().gain
+LAWS = {
+    "PD": PD(gain=GAIN, derivative=4e-3 * GAIN, filter=2000.0, period=RIG.period),
+    "PID": PID(
+        gain=GAIN, derivative=4e-3 * GAIN, integral=5 * GAIN, filter=2000.0, period=RIG.period
+    ),
+    "cascade": Cascade(
+        position=(60.0, 60.0),
+        speed=4e-3 * GAIN,
+        integral=0.05 * GAIN,
+        filter=2000.0,
+        period=RIG.period,
+    ),
+    "fast PID": PID(gain=GAIN, derivative=4e-3 * GAIN, integral=5 * GAIN, filter=2000.0),
+}
+
+
+@pytest.fixture(scope="module")
+def logs():
+    return {name: simulate(ARM, RIG, law, PATH, duration=2.0) for name, law in LAWS.items()}
+
+
+def with_torque(record, torque):
+    return dataclasses.replace(record, torque=torque, current=None)
+
+
+@pytest.mark.parametrize("scale", [4.0, 0.3, 20.0])
+def test_a_torque_in_another_scale_is_one_cause_with_its_value(logs, scale):
+    """It would be beyond the amplifier's limit where the command is not."""
+    record = logs["PID"]
+    causes = with_torque(record, scale * record.torque).check().causes
+    assert [(cause.name, cause.joints) for cause in causes] == [("torque scale", ())]
+    assert causes[0].size == pytest.approx(scale, rel=1e-3)
+
+
+@pytest.mark.parametrize("share", [0.1, 0.3, 0.5])
+def test_per_mille_of_a_rated_torque_is_one_cause(logs, share):
+    record = logs["PID"]
+    rated = share * RIG.drive.torque_limit()
+    causes = with_torque(record, 1e3 * record.torque / rated).check().causes
+    assert [cause.name for cause in causes] == ["torque per mille of the rated one"]
+    assert causes[0].size == pytest.approx(share, rel=1e-3)
+
+
+WRONG = [
+    ("PD", "gain", 0.8, "gain alone"),
+    ("PD", "derivative", 1.25, "derivative gain alone"),
+    ("PID", "gain", 0.8, "gain alone"),
+    ("PID", "gain", 1.25, "gain alone"),
+    ("PID", "derivative", 0.8, "derivative gain alone"),
+    ("cascade", "position", 1.25, "position gain alone"),
+    ("cascade", "speed", 0.8, "speed gain alone"),
+]
+
+
+@pytest.mark.parametrize(("law", "name", "factor", "cause_name"), WRONG)
+@pytest.mark.parametrize("joints", [(), (0,)])
+def test_one_gain_of_several_is_named_with_its_value(logs, law, name, factor, cause_name, joints):
+    record = logs[law]
+    factors = np.ones(record.n)
+    factors[list(joints) or slice(None)] = factor
+    wrong = dataclasses.replace(record.law, **{name: factors * getattr(record.law, name)})
+    checkup = dataclasses.replace(record, law=wrong).check()
+    causes = checkup.causes
+    assert [(cause.name, cause.joints) for cause in causes] == [(cause_name, joints)]
+    assert causes[0].size == pytest.approx(factor, rel=1e-2)
+    corrected = getattr(checkup.first_corrected.law, name)
+    np.testing.assert_allclose(corrected, getattr(record.law, name), rtol=1e-2)
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_a_right_law_has_no_other_gains(logs, law):
+    """A law without a period responds to counts between the rows, so its parts are not the log's."""
+    assert logs[law].check().causes == ()
