@@ -95,6 +95,18 @@ def torque_along(signals: Signals, stated: Any, rig: Any) -> Floats | None:
     return torque[np.floor((t - t[0]) / period + 1e-6).astype(int)]
 
 
+def driven(record: Any, signals: Signals, torque: Floats) -> Any:
+    """A stretch of a log with this motor torque (K, n) of its beginning as the logged one."""
+    times = sample_times(signals, len(torque))
+    motor = at_times(record.t + times[signals.window], times, torque)
+    # An integral begins at an unknown value: the amplifier's limit bounds the range of the torque.
+    motor -= (motor.max(axis=0) + motor.min(axis=0)) / 2
+    joint = record.rig.drive.joint_torque(motor)
+    if record.injected is not None:
+        joint = joint + record.injected
+    return replace(record, law=None, torque=joint, current=None)
+
+
 def sample_times(signals: Signals, samples: int) -> Floats:
     """Evenly spaced times (K,) of the first samples of a log [s]."""
     return signals.t[0] + signals.interval * np.arange(samples)

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from plant.checkup.along_log import SETTINGS as ALONG_LOG
-from plant.checkup.along_log import at_times, comparable_torques, sample_times, torque_along
+from plant.checkup.along_log import at_times, comparable_torques, driven, sample_times, torque_along
 from plant.checkup.hypothesis import Joints, columns_of
 from plant.checkup.score import SETTINGS as SCORE
 from plant.checkup.score import Experiment
@@ -315,7 +315,7 @@ def _with_torque_of_law(experiment: Experiment) -> Experiment | None:
     times = sample_times(signals, len(along.torque))
     # A filter of the law begins at rest: its first samples are another motion's.
     record = experiment.record.cut(times[signals.window], times[-1])
-    stated = Experiment(_driven(record, experiment, along.torque))
+    stated = Experiment(driven(record, signals, along.torque))
     return stated if stated.long_enough and stated.motions is not None else None
 
 
@@ -335,27 +335,14 @@ def _plausible(stated: Experiment, law: Any, gain: str, joints: Joints) -> bool:
     return bool(possible[columns_of(joints)].any())
 
 
-def _driven(record, experiment, torque):
-    """A stretch of the log with this motor torque (K, n) of its beginning as the logged one."""
-    signals = experiment.signals
-    times = sample_times(signals, len(torque))
-    motor = at_times(record.t + times[signals.window], times, torque)
-    # An integral begins at an unknown value: the amplifier's limit bounds the range of the torque.
-    motor -= (motor.max(axis=0) + motor.min(axis=0)) / 2
-    joint = record.rig.drive.joint_torque(motor)
-    if record.injected is not None:
-        joint = joint + record.injected
-    return replace(record, law=None, torque=joint, current=None)
-
-
 def _by_motion(experiment: Experiment, gain: str, joints: Joints, size: float) -> float:
     """How much likelier the motion is with the law's torque without a mistake of this size."""
     stated = experiment.once(_with_torque_of_law)
     if stated is None or _plausible(stated, experiment.record.law, gain, joints):
         return -np.inf
     along = experiment.once(_along_log)
-    driven = _driven(stated.record, experiment, _without(along, gain, joints, size))
-    corrected = stated.changed(driven)
+    torque = _without(along, gain, joints, size)
+    corrected = stated.changed(driven(stated.record, experiment.signals, torque))
     # A factor that is no unit's gives a motor that cannot be, either.
     if not _plausible(corrected, experiment.record.law, "gains", joints):
         return -np.inf

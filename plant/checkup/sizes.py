@@ -229,14 +229,3 @@ def friction_ratios(name: str) -> Callable[..., tuple[float, ...]]:
 def _positive(ratio):
     # A factor of one changes nothing, and signs have rows of their own.
     return (float(ratio),) if ratio > 0 and abs(ratio - 1) > SETTINGS.relevant else ()
-
-
-def mean_errors(experiment: Experiment, joints: Joints) -> tuple[float, ...]:
-    """The median error [pulses], where it is large against how the error changes in the log."""
-    if experiment.signals.reference is None:
-        return ()
-    chosen = columns_of(joints)
-    error = (np.asarray(experiment.signals.reference) - experiment.signals.counts)[:, chosen]
-    middle = float(np.median(error))
-    changes = float(np.sqrt(np.mean((error - middle) ** 2)))
-    return (middle,) if abs(middle) > max(1.0, SCORE.shifted * changes) else ()

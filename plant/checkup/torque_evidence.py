@@ -7,7 +7,7 @@ import numpy as np
 
 from plant.checkup.delays import delays
 from plant.checkup.filtered import centred
-from plant.checkup.hypothesis import Joints, columns_of
+from plant.checkup.hypothesis import Joints
 from plant.checkup.score import SETTINGS as SCORE
 from plant.checkup.score import Experiment
 from plant.checkup.sizes import friction_ratios, regressed
@@ -112,38 +112,6 @@ def gravity_evidence(experiment: Experiment, joints: Joints) -> Any:
     windows = experiment.filter.equations / REGRESSION.per_window
     explained = np.log((before + SCORE.steps) / (after + SCORE.steps))
     return ((1.0, float(windows / 2 * explained.sum())),)
-
-
-def zero_evidence(experiment: Experiment, joints: Joints) -> Any:
-    """Log odds of a reference with another zero, by the mean of the law's torque.
-
-    None of a law with memory, or if no torque is logged: the score then shows it. A scale of the
-    torque, as of other gains or units, explains a part of the mean, and is no evidence.
-    """
-    torque, commanded = experiment.signals.torque, experiment.commanded
-    if torque is None or commanded is None or not experiment.long_enough:
-        return None
-    chosen = columns_of(joints)
-    # Counts that a motor at its limit cannot bring to the reference show no zero.
-    if experiment.cut_off[chosen].any():
-        return ()
-    law, logged = commanded[:, chosen].ravel(), torque[:, chosen].ravel()
-    error = (np.asarray(experiment.signals.reference) - experiment.signals.counts)[
-        :, chosen
-    ].ravel()
-    moves, swings = error - error.mean(), law - law.mean()
-    # The gain [N m/pulse] of the law, for which a shift of the zero is one of the torque.
-    gain = swings @ moves / max(moves @ moves, 1e-300)
-    scale = swings @ logged / max(swings @ swings, 1e-300)
-    constant = logged.mean() - scale * law.mean()
-    # A joint that stands, and one whose torque does not change, show none.
-    if not scale * gain:
-        return ()
-    least = np.mean((logged - law * (law @ logged) / (law @ law)) ** 2)
-    beside = np.mean((logged - scale * law - constant) ** 2)
-    floor = SCORE.another_zero * np.mean(logged**2)
-    odds = experiment.filter.equations / 2 * np.log((least + floor) / (beside + floor))
-    return ((float(-constant / (scale * gain)), float(odds)),)
 
 
 def rate_evidence(experiment: Experiment, joints: Joints) -> Any:

@@ -26,7 +26,6 @@ from plant.checkup.sizes import (
     command_ratios,
     friction_ratios,
     inverse_slopes,
-    mean_errors,
     rated_shares,
     slopes,
     torque_ratios,
@@ -38,7 +37,6 @@ from plant.checkup.torque_evidence import (
     model_evidence,
     rate_evidence,
     viscous_evidence,
-    zero_evidence,
 )
 from plant.checkup.undo import (
     as_commanded,
@@ -76,6 +74,7 @@ from plant.checkup.undo import (
     with_gravity,
     with_rate,
 )
+from plant.checkup.zeros import mean_errors, zero_evidence
 
 # Measurements that distinguish rows which explain a log alike.
 _LOAD = "Hold a known load: the torque is its weight times its lever."

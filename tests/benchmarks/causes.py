@@ -371,7 +371,7 @@ LABELS = {
     "play": r"(has|this) backlash",
     "offset": r"have an offset",
     "friction": r"[Ff]riction is not the rig's|Coulomb friction is",
-    "gain": r"times the commanded|cannot have made|gains? .*not the",
+    "gain": r"times the commanded|cannot have made|gains? .*not the|law's gain .*times what the log",
     "saturated": r"amplifier is at its limit|cut off at",
     "swapped": r"exchange the columns|belongs to the motion",
     "wrong sign": r"wrong sign|change the sign|backwards|runs? against",

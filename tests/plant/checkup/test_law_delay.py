@@ -255,10 +255,23 @@ def test_a_torque_without_gravity_is_told_by_its_slow_steps():
 
 
 @pytest.mark.parametrize(
-    ("name", "pulses"), [("PID", -200), ("PID", 13425), ("computed torque", -200)]
+    ("name", "pulses", "torque"),
+    [
+        ("PID", -200, True),
+        ("PID", 13425, True),
+        ("computed torque", -200, True),
+        ("computed torque", -50, True),
+        ("PID", -50, False),
+        ("PID", 13425, False),
+        ("computed torque", -5, False),
+        ("computed torque", 13425, False),
+    ],
 )
-def test_a_reference_with_another_zero_is_named_with_its_distance(name, pulses):
+def test_a_reference_with_another_zero_is_named_with_its_distance(name, pulses, torque):
+    """A constant error takes the torque of the law to its limit, and the motion needs another."""
     record = log(name)
+    if not torque:
+        record = dataclasses.replace(record, torque=None, current=None)
     shifted = dataclasses.replace(
         record, reference=None, error_pulses=record.error_pulses + np.array([0, pulses])
     )

@@ -1,0 +1,95 @@
+"""A reference whose zero is not that of the counts: sizes that are tried, and the evidence."""
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+
+from plant.checkup.along_log import driven, sample_times
+from plant.checkup.hypothesis import Joints, columns_of
+from plant.checkup.score import SETTINGS as SCORE
+from plant.checkup.score import Experiment
+from plant.checkup.undo import shifted_reference
+
+
+def mean_errors(experiment: Experiment, joints: Joints) -> tuple[float, ...]:
+    """The median error [pulses], where it is large against how the error changes in the log.
+
+    The torque of a law with memory shows whether a small one is of the loop.
+    """
+    if experiment.signals.reference is None:
+        return ()
+    chosen = columns_of(joints)
+    error = (np.asarray(experiment.signals.reference) - experiment.signals.counts)[:, chosen]
+    middle = float(np.median(error))
+    changes = 0.0 if experiment.has_memory else float(np.sqrt(np.mean((error - middle) ** 2)))
+    return (middle,) if abs(middle) > max(1.0, SCORE.shifted * changes) else ()
+
+
+def zero_evidence(experiment: Experiment, joints: Joints) -> Any:
+    """Log odds of a reference with another zero, by the mean of the law's torque.
+
+    None where the score shows it: if neither has the law memory nor the log a torque. A scale of
+    the torque, as of other gains or units, explains a part of the mean, and is no evidence.
+    """
+    torque, commanded = experiment.signals.torque, experiment.commanded
+    if experiment.has_memory:
+        return _by_torque_of_law(experiment, joints)
+    if torque is None or commanded is None or not experiment.long_enough:
+        return None
+    chosen = columns_of(joints)
+    # Counts that a motor at its limit cannot bring to the reference show no zero.
+    if experiment.cut_off[chosen].any():
+        return ()
+    law, logged = commanded[:, chosen].ravel(), torque[:, chosen].ravel()
+    error = (np.asarray(experiment.signals.reference) - experiment.signals.counts)[
+        :, chosen
+    ].ravel()
+    moves, swings = error - error.mean(), law - law.mean()
+    # The gain [N m/pulse] of the law, for which a shift of the zero is one of the torque.
+    gain = swings @ moves / max(moves @ moves, 1e-300)
+    scale = swings @ logged / max(swings @ swings, 1e-300)
+    constant = logged.mean() - scale * law.mean()
+    # A joint that stands, and one whose torque does not change, show none.
+    if not scale * gain:
+        return ()
+    least = np.mean((logged - law * (law @ logged) / (law @ law)) ** 2)
+    beside = np.mean((logged - scale * law - constant) ** 2)
+    floor = SCORE.another_zero * np.mean(logged**2)
+    odds = experiment.filter.equations / 2 * np.log((least + floor) / (beside + floor))
+    return ((float(-constant / (scale * gain)), float(odds)),)
+
+
+def _by_torque_of_law(experiment: Experiment, joints: Joints) -> Iterator[tuple[float, float]]:
+    """Log odds of another zero under a law with memory.
+
+    A constant error takes its integral, or its observer, to the limit of the amplifier: such a
+    torque cannot be that of the motion, nor the logged one.
+    """
+    chosen = columns_of(joints)
+    for size in mean_errors(experiment, joints):
+        changed = experiment.changed(shifted_reference(experiment.record, joints, size))
+        odds = 0.0 if experiment.command is None else changed.score - experiment.score
+        stated, corrected = (each.once(_driven_by_law) for each in (experiment, changed))
+        if stated is not None and corrected is not None:
+            before, after = (_unexplained(each)[chosen].max() for each in (stated, corrected))
+            if before > SCORE.unlike > after:
+                odds = max(odds, corrected.score - stated.score)
+        yield size, odds
+
+
+def _driven_by_law(experiment):
+    """The log with the torque of its law as the logged one; None where it cannot be run."""
+    along = experiment.torque_along
+    if along is None:
+        return None
+    torque = experiment.record.rig.drive.motor_torque(along)
+    times = sample_times(experiment.signals, len(torque))
+    # A filter of the law begins at rest: its first samples are another motion's.
+    record = experiment.record.cut(times[experiment.signals.window], times[-1])
+    by_law = Experiment(driven(record, experiment.signals, torque))
+    return by_law if by_law.long_enough and by_law.motions is not None else None
+
+
+def _unexplained(experiment):
+    return np.array([motion.unexplained for motion in experiment.motions])
