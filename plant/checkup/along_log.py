@@ -41,10 +41,12 @@ def steps_of_torque(
     `commanded` (K, n): joint torque of the law, as of `torque_along`. `slow`: steps over the
     smoothing window, of torques that are averaged over it.
     """
-    clear, *torques = comparable_torques(signals, commanded)
+    clear, law, logged = comparable_torques(signals, commanded)
     drive = signals.rig.drive
     # The amplifier limits what the law commands, so compare limited torques.
-    torques = [drive.motor_torque(drive.limited(drive.joint_torque(motor))) for motor in torques]
+    torques = [
+        drive.motor_torque(drive.limited(drive.joint_torque(motor))) for motor in (law, logged)
+    ]
     if slow:
         torques = [signals.smooth_evenly(torque) for torque in torques]
     rows = signals.window if slow else 1

@@ -187,6 +187,7 @@ def _factors_of_gains(experiment):
     drive = experiment.record.rig.drive
     columns = [experiment.signals, drive.joint_torque(along.torque)]
     clear, commanded, logged = comparable_torques(*columns)
+    # A step from or to a limit is that of the limit.
     within = clear[:, None] & (np.abs(commanded) < drive.motor_gain * drive.current_limit)
     both = within[1:] & within[:-1]
     lacking = np.where(both, np.diff(logged - commanded, axis=0), 0.0)

@@ -445,6 +445,25 @@ def _gain_units() -> Iterator[Hypothesis[Any]]:
                 )
 
 
+def _single_gains() -> Iterator[Hypothesis[Any]]:
+    """Yield the rows: one gain of a law that has several, of one joint or of all alike."""
+    for scope in (each_joint, several):
+        whose = "{joint}" if scope is each_joint else "all joints"
+        for gain in (name for name in GAINS if name != "gains"):
+            words = gain if gain == "gain" else f"{gain} gain"
+            yield Hypothesis(
+                name=f"{words} alone",
+                check="units of gains",
+                sentence=f"The law's {words} of {whose} is {{value:.3g}} times what the log shows",
+                remedy="Correct it.",
+                undo=other_gains(gain),
+                measurement=_BLOCKED,
+                scope=scope,
+                suggested=gain_sizes(gain),
+                tolerance=0.3,
+            )
+
+
 def _sizes() -> Iterator[Hypothesis[Any]]:
     """Yield the rows: scales and delays, of one joint or of all alike."""
     for scope in (each_joint, several):
@@ -462,19 +481,6 @@ def _sizes() -> Iterator[Hypothesis[Any]]:
             suggested=command_ratios,
             tolerance=0.3,
         )
-        for gain in (name for name in GAINS if name != "gains"):
-            words = gain if gain == "gain" else f"{gain} gain"
-            yield Hypothesis(
-                name=f"{words} alone",
-                check="units of gains",
-                sentence=f"The law's {words} of {whose} is {{value:.3g}} times what the log shows",
-                remedy="Correct it.",
-                undo=other_gains(gain),
-                measurement=_BLOCKED,
-                scope=scope,
-                suggested=gain_sizes(gain),
-                tolerance=0.3,
-            )
         yield Hypothesis(
             name="torque scale",
             check="units of torque",
@@ -590,6 +596,7 @@ TABLE: tuple[Hypothesis[Any], ...] = (
     *_resolutions(),
     *_statements(),
     *_gain_units(),
+    *_single_gains(),
     *_sizes(),
     *_stated(),
 )
