@@ -410,17 +410,27 @@ def ranking(
     causes: list[Cause] = []
     experiments = [experiment]
     accepted: list[Hypothesis[Experiment]] = []
+    refined: set[tuple[str, Joints]] = set()
+
+    def others(experiment: Experiment) -> Iterator[Candidate]:
+        # A size that was refined is the likeliest one already: the same mistake is not made twice.
+        for candidate in candidates(experiment):
+            if (candidate.hypothesis.name, candidate.joints) not in refined:
+                yield candidate
 
     def accept(ranked: list[Candidate]) -> Experiment | None:
         causes.append(_cause(ranked, labels, settings))
-        accepted.append(ranked[0].hypothesis)
+        best = ranked[0]
+        accepted.append(best.hypothesis)
+        if best.hypothesis.tolerance is not None:
+            refined.add((best.hypothesis.name, best.joints))
         # A rival is a parameter of the model: an identification must decide, so nothing is undone.
         if not causes[-1].certain:
             return None
         experiments.append(ranked[0].corrected())
         return experiments[-1]
 
-    select(experiment, candidates, accept, settings)
+    select(experiment, others, accept, settings)
     return Ranking(tuple(causes), tuple(experiments), accepted=tuple(accepted))
 
 

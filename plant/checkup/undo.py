@@ -233,11 +233,33 @@ def rescaled_torque(record: Any, joints: Joints, size: float) -> Any:
 
 
 def with_gravity(record: Any, joints: Joints, size: float) -> Any:
-    """Add to the logged torque what it lacks of the commanded one and depends on the pose."""
+    """Add gravity to the logged torque: that of the arm that the law knows.
+
+    Of another law, what the torque lacks of the commanded one and depends on the pose.
+    """
+    if record.torque is None and record.current is None:
+        raise ValueError("the record must have a torque or a current; it has none. Log one.")
+    drive = record.rig.drive
+    if record.torque is None:
+        torque = drive.motor_gain * record.current
+    else:
+        torque = drive.motor_torque(record.torque)
+    arm = getattr(record.law, "arm", None)
+    if arm is None:
+        gravity = _gravity_by_pose(record)
+    else:
+        still = np.zeros(record.n)
+        angles = record.rig.cell_centre(record.counts)
+        gravity = drive.motor_torque(np.array([arm.inverse(q, still, still) for q in angles]))
+    return replace(record, torque=drive.joint_torque(torque + gravity), current=None)
+
+
+def _gravity_by_pose(record):
+    """Motor torque (N, n) that depends on the pose, and that the logged one lacks of the law's."""
     experiment = Experiment(record)
     signals, drive = experiment.signals, record.rig.drive
-    if experiment.torque_along is None or signals.torque is None:
-        raise ValueError("the record must have a torque, and a law that reads it. Log both.")
+    if experiment.torque_along is None:
+        raise ValueError("the record must have a law that reads its counts. State it.")
 
     def pose(counts):
         angle = np.cumsum(record.rig.cell_centre(counts), axis=1)
@@ -247,16 +269,11 @@ def with_gravity(record: Any, joints: Joints, size: float) -> Any:
     t = sample_times(signals, len(experiment.torque_along))
     counts, logged = (at_times(t, signals.t, x) for x in (signals.counts, signals.torque))
     lacking = drive.motor_torque(experiment.torque_along) - logged
-    gravity = np.linalg.lstsq(pose(counts), lacking, rcond=None)[0]
+    coefficients = np.linalg.lstsq(pose(counts), lacking, rcond=None)[0]
     # A constant may come from what a law with memory did before the log.
     if experiment.has_memory:
-        gravity[0] = 0.0
-    if record.torque is None:
-        torque = drive.motor_gain * record.current
-    else:
-        torque = drive.motor_torque(record.torque)
-    torque = drive.joint_torque(torque + pose(record.counts) @ gravity)
-    return replace(record, torque=torque, current=None)
+        coefficients[0] = 0.0
+    return pose(record.counts) @ coefficients
 
 
 def as_commanded(record: Any, joints: Joints, size: float) -> Any:

@@ -254,6 +254,17 @@ def test_a_torque_without_gravity_is_told_by_its_slow_steps():
     assert np.sqrt(np.mean(left**2)) < 0.01 * np.sqrt(np.mean(gravity**2))
 
 
+def test_gravity_that_a_torque_lacks_is_that_of_the_arm_which_its_law_knows():
+    """What depends on the pose may come from a joint that turns the other way."""
+    record = log("computed torque")
+    still = np.zeros(2)
+    gravity = np.array([ARM.inverse(q, still, still) for q in RIG.cell_centre(record.counts)])
+    lacking = dataclasses.replace(record, torque=record.torque - gravity, current=None)
+    checkup = lacking.check()
+    assert [cause.name for cause in checkup.causes] == ["torque without gravity"]
+    np.testing.assert_allclose(checkup.corrected.torque, record.torque, rtol=0, atol=1e-9)
+
+
 @pytest.mark.parametrize(
     ("name", "pulses", "torque"),
     [

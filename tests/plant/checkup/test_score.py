@@ -18,11 +18,13 @@ from plant import (
     simulate,
 )
 from plant.checkup import (
+    Candidate,
     Experiment,
     Trials,
     counts_in_time,
     each_joint,
     exchanged_torques,
+    ranking,
     turned_reference,
     turned_torque,
 )
@@ -175,3 +177,21 @@ def test_a_trial_that_no_torque_can_save_runs_no_law(cascaded):
     mistaken = Experiment(turned.record)
     right = mistaken.changed(cascaded)
     assert mistaken.gain(right, 5.0) == right.score - mistaken.score > 5
+
+
+@pytest.mark.parametrize(("tolerance", "count"), [(0.3, 1), (None, 3)])
+def test_a_mistake_with_a_refined_size_is_accepted_once(tolerance, count):
+    """Where undoing it is not exact, the rest looks like the same mistake again."""
+    row = Hypothesis(
+        name="scale",
+        sentence="The torque is {value:.3g} times too large",
+        remedy="Divide it.",
+        undo=lambda experiment, joints, size: experiment + 1,
+        tolerance=tolerance,
+    )
+
+    def candidates(experiment):
+        yield Candidate(row, (), 2.0, 50.0, lambda: experiment + 1)
+
+    causes = ranking(0, candidates, ("1", "2")).causes
+    assert [cause.name for cause in causes] == ["scale"] * count
