@@ -73,7 +73,7 @@ def _by_torque_of_law(experiment: Experiment, joints: Joints) -> Iterator[tuple[
         stated, corrected = (each.once(_driven_by_law) for each in (experiment, changed))
         if stated is not None and corrected is not None:
             before, after = (_unexplained(each)[chosen].max() for each in (stated, corrected))
-            if before > SCORE.unlike > after:
+            if before > SCORE.unlike and after < SCORE.like:
                 odds = max(odds, corrected.score - stated.score)
         yield size, odds
 

@@ -256,7 +256,7 @@ def test_a_torque_without_gravity_is_told_by_its_slow_steps():
 
 def test_gravity_that_a_torque_lacks_is_that_of_the_arm_which_its_law_knows():
     """What depends on the pose may come from a joint that turns the other way."""
-    record = log("computed torque")
+    record = simulate(ARM, RIG, ComputedTorque(ARM, RIG), puma560.reference(), duration=1.2)
     still = np.zeros(2)
     gravity = np.array([ARM.inverse(q, still, still) for q in RIG.cell_centre(record.counts)])
     lacking = dataclasses.replace(record, torque=record.torque - gravity, current=None)
