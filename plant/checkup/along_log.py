@@ -88,13 +88,18 @@ def torque_along(signals: Signals, stated: Any, rig: Any) -> Floats | None:
         return None if commanded is None else at_times(t, record.t, commanded)
     # 1. The law's own times: fast hardware has no period, and is run some steps per sample.
     period = law.period or signals.interval / FAST
-    times = np.arange(t[0], t[-1] + period / 2, period)
+    # The clock of a log may be off by a little: the law's steps are the log's, not those of a time
+    # that drifts away by samples.
+    steps = max(round(signals.interval / period), 1)
+    alike = 1 / SETTINGS.period < signals.interval / (steps * period) < SETTINGS.period
+    spacing = signals.interval / steps if alike else period
+    times = np.arange(t[0], t[-1] + spacing / 2, spacing)
     counts = at_times(times, record.t, law.replayed(record))
     reference = at_times(times, signals.t, np.asarray(signals.reference))
     columns = *_reference_motion(signals, law, times, t), reference, counts
     ((torque, _),) = law.steps(rig, columns, period, [law.state])
     # 2. Each sample has the torque of the last step of the law up to it.
-    return torque[np.floor((t - t[0]) / period + 1e-6).astype(int)]
+    return torque[np.floor((t - t[0]) / spacing + 1e-6).astype(int)]
 
 
 def driven(record: Any, signals: Signals, torque: Floats) -> Any:
