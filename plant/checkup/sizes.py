@@ -44,6 +44,8 @@ class SizeSettings:
     mostly : float
         Share of the commands beyond a limit at which the torque must be at that limit. Counts that
         are late spoil the other commands.
+    rows : int
+        Rows at a limit from which on it is one, and no single peak of the torque.
     """
 
     relevant: float = 0.03
@@ -54,6 +56,7 @@ class SizeSettings:
     lags: float = 0.1
     at_limit: float = 0.02
     mostly: float = 0.5
+    rows: int = 5
 
 
 SETTINGS = SizeSettings()
@@ -202,13 +205,15 @@ def used_limits(experiment: Experiment, joints: Joints) -> tuple[float, ...]:
     i = joints[0]
     if torque is None or not np.isfinite(drive.current_limit[i]):
         return ()
-    largest = float(np.abs(torque[:, i]).max())
     commanded = experiment.commanded
+    if experiment.has_memory and experiment.torque_along is not None:
+        _, commanded, torque = comparable_torques(experiment.signals, experiment.torque_along)
+    largest = float(np.abs(torque[:, i]).max())
     if commanded is not None:
         # An amplifier is at its limit wherever the command is beyond it.
         beyond = np.abs(commanded[:, i]) > (1 + SETTINGS.at_limit) * largest
         at_limit = np.abs(torque[beyond, i]) > (1 - SETTINGS.at_limit) * largest
-        if not at_limit.size or at_limit.mean() < SETTINGS.mostly:
+        if at_limit.sum() < SETTINGS.rows or at_limit.mean() < SETTINGS.mostly:
             return ()
     share = largest / float(_motor_limit(experiment)[i])
     return (share,) if share < 1 - SETTINGS.relevant else ()

@@ -114,6 +114,13 @@ def gravity_evidence(experiment: Experiment, joints: Joints) -> Any:
     return ((1.0, float(windows / 2 * explained.sum())),)
 
 
+def zeros_evidence(experiment: Experiment, joints: Joints) -> Iterator[tuple[float, float]]:
+    """Log odds of a torque that was not logged: zero in each of the independent equations."""
+    torque = experiment.signals.torque
+    if torque is not None and not torque.any() and experiment.filter.rows.size:
+        yield 1.0, float(experiment.n * experiment.filter.equations)
+
+
 def rate_evidence(experiment: Experiment, joints: Joints) -> Any:
     """Log odds of a logged torque that grows with the rate of the error, as of PD stated as P.
 

@@ -49,6 +49,11 @@ def with_torques(record: Any, change: Callable[[Floats], Floats]) -> Any:
     return replace(record, **columns)
 
 
+def without_torque(record: Any, joints: Joints, size: float) -> Any:
+    """Leave the logged torque out."""
+    return replace(record, torque=None, current=None)
+
+
 def with_drive(record: Any, **changes: Any) -> Any:
     """The record with another drive in its rig."""
     return replace(record, rig=replace(record.rig, drive=replace(record.rig.drive, **changes)))

@@ -153,10 +153,20 @@ def _slope(experiment, i):
 
 def _saturated(experiment, i):
     """Share of samples at the amplifier's limit [%]."""
-    limit = experiment.record.rig.drive.current_limit[i]
+    drive = experiment.record.rig.drive
+    limit = drive.current_limit[i]
     # An infinite limit means that the rig states none.
     if not np.isfinite(limit):
         return Check("saturation", i, "%").unknown("no current limit stated")
+    torque = experiment.signals.torque
+    if torque is not None:
+        largest = float(np.abs(torque[:, i]).max() / drive.motor_gain[i])
+        if largest > BEYOND_LIMIT * limit:
+            return Check("saturation", i, "%").wrong(
+                _at_limit(experiment, i),
+                f"The logged torque takes {largest:.3g} A, beyond the stated limit of {limit:g} A:"
+                " correct current_limit, or the unit of the torque.",
+            )
     return Check("saturation", i, "%").graded(
         _at_limit(experiment, i),
         f"The amplifier is at its limit of {limit:g} A: slow the motion down, or lower the gains.",
@@ -176,6 +186,10 @@ def _at_limit(experiment, i):
 
 # Share of the amplifier's limit from which on it is saturated.
 AT_LIMIT = 0.999
+
+# Share of the amplifier's limit above which a logged torque shows another limit, and no noise of a
+# sensor.
+BEYOND_LIMIT = 1.2
 
 # Saturated samples [%] to look at, and from which on the log shows the limit alone.
 _SATURATED, _LIMITED = 1.0, 50.0

@@ -37,6 +37,7 @@ from plant.checkup.torque_evidence import (
     model_evidence,
     rate_evidence,
     viscous_evidence,
+    zeros_evidence,
 )
 from plant.checkup.undo import (
     as_commanded,
@@ -73,6 +74,7 @@ from plant.checkup.undo import (
     with_counts,
     with_gravity,
     with_rate,
+    without_torque,
 )
 from plant.checkup.zeros import mean_errors, zero_evidence
 
@@ -221,6 +223,14 @@ def _kinds_of_torque() -> Iterator[Hypothesis[Any]]:
         evidence=gravity_evidence,
         scored=True,
         against=20.0,
+    )
+    yield Hypothesis(
+        name="torque of zeros",
+        check="units of torque",
+        sentence="The torque is zero throughout",
+        remedy="Log it, or leave the column out.",
+        undo=without_torque,
+        evidence=zeros_evidence,
     )
     yield Hypothesis(
         name="torque of a model",
