@@ -41,6 +41,8 @@ class GainUnitSettings:
         Inertias at the motor [rotor inertias] between which they are not, either.
     deviations : float
         Standard deviations by which an estimated inertia must lie outside.
+    nothing : float
+        Log odds by which another unit must be likelier than no such gain at all.
     """
 
     least: float = 50.0
@@ -49,6 +51,7 @@ class GainUnitSettings:
     least_inertia: float = 0.5
     inertia: float = 60.0
     deviations: float = 4.0
+    nothing: float = 3.0
 
 
 SETTINGS = GainUnitSettings()
@@ -164,11 +167,8 @@ def gain_sizes(gain: str) -> Callable[..., tuple[float, ...]]:
     """Sizes of a mistake in one of several gains, by the part that it makes of the torque."""
 
     def sizes(experiment: Experiment, joints: Joints) -> tuple[float, ...]:
-        law, interval = experiment.record.law, experiment.signals.interval
-        if not _names(law, gain) or not _names(law, "gains") or experiment.torques_of_law is None:
-            return ()
-        # Between the rows of the log a faster law responds to counts that the log does not have.
-        if not law.period or not interval < ALONG_LOG.period * law.period:
+        law = experiment.record.law
+        if not _names(law, gain) or not _names(law, "gains") or not reads_the_log(experiment):
             return ()
         factors = experiment.once(_factors_of_gains)
         if factors is None or gain not in factors:
@@ -177,6 +177,17 @@ def gain_sizes(gain: str) -> Callable[..., tuple[float, ...]]:
         return (1 / factor,) if factor > 0 else ()
 
     return sizes
+
+
+def reads_the_log(experiment: Experiment) -> bool:
+    """Whether a torque is logged, and the law reads the log's counts and no others.
+
+    Between the rows of the log a faster law responds to counts that the log does not have.
+    """
+    law, interval = experiment.record.law, experiment.signals.interval
+    if experiment.torques_of_law is None or not law.period:
+        return False
+    return bool(interval < ALONG_LOG.period * law.period)
 
 
 def _factors_of_gains(experiment):
@@ -192,14 +203,15 @@ def _factors_of_gains(experiment):
     both = within[1:] & within[:-1]
     lacking = np.where(both, np.diff(logged - commanded, axis=0), 0.0)
     return {
-        name: 1 + _slopes(np.where(both, np.diff(part, axis=0), 0.0), lacking)
+        name: 1 + regressed_factor(np.where(both, np.diff(part, axis=0), 0.0), lacking)
         for name, part in along.parts.items()
     }
 
 
-def _slopes(part, lacking):
+def regressed_factor(part: Floats, lacking: Floats) -> Floats:
+    """Factors (n,) of a part of the torque that explain what is lacking; 0 without a part."""
     power = (part**2).sum(axis=0)
-    return (part * lacking).sum(axis=0) / np.where(power > 0, power, 1.0)
+    return np.asarray((part * lacking).sum(axis=0) / np.where(power > 0, power, 1.0))
 
 
 def unit_evidence(gain: str, unit: Unit) -> Callable[..., Iterator[tuple[float, float]]]:
@@ -246,17 +258,26 @@ def _by_torque(experiment: Experiment, gain: str, joints: Joints, size: float) -
     compared = experiment.once(_smoothed_torques)
     if compared is None:
         return -np.inf
-    stated, corrected = (
+    stated, corrected, without = (
         _unexplained(compared.logged, torque)
-        for torque in (compared.law.torque, _without(compared.law, gain, joints, size))
+        for torque in (
+            compared.law.torque,
+            _without(compared.law, gain, joints, size),
+            _without(compared.law, gain, joints, np.inf),
+        )
     )
     # A law that explains the torque has nothing in another unit. A factor that is no unit leaves as
     # much unexplained: the mistake is another one.
     right = (stated < SETTINGS.unexplained).all()
     if right or (corrected[columns_of(joints)] > SETTINGS.unexplained).any():
         return -np.inf
-    stated, corrected = (np.log(share + SCORE.steps) for share in (stated, corrected))
+    stated, corrected, without = (
+        np.log(share + SCORE.steps) for share in (stated, corrected, without)
+    )
     gained = compared.equations / 2 * float((stated - corrected).sum())
+    # A gain that may as well be none is in no other unit.
+    if gained <= compared.equations / 2 * float((stated - without).sum()) + SETTINGS.nothing:
+        return -np.inf
     if gained > 0:
         # The torques of samples tell more than the smoothed ones.
         changed = experiment.changed(other_gains(gain)(experiment.record, joints, size))

@@ -278,7 +278,7 @@ class Experiment:
     @functools.cached_property
     def command(self) -> Floats | None:
         """Difference (n,) of commanded and logged torque, as a share of both; None without both."""
-        return None if self.torques_of_law is None else _shares(self.torques_of_law)
+        return None if self.torques_of_law is None else shares(self.torques_of_law)
 
     @functools.cached_property
     def slow_command(self) -> Floats | None:
@@ -289,7 +289,7 @@ class Experiment:
         """
         if self.torques_of_law is None or not self.has_memory:
             return None
-        return _shares(steps_of_torque(self.signals, self.torque_along, slow=True))
+        return shares(steps_of_torque(self.signals, self.torque_along, slow=True))
 
     @functools.cached_property
     def torque(self) -> Floats | None:
@@ -502,7 +502,7 @@ def _following(reference, counts, noise, half):
 _SCALES = np.linspace(-6, 6, 25)
 
 
-def _shares(torques):
+def shares(torques: tuple[Floats, Floats]) -> Floats:
     """Mean square (n,) of the difference of two torques (K, n), as a share of that of both."""
 
     def share(a, b):

@@ -5,7 +5,7 @@ gives the record without the mistake; a ValueError says that the record does not
 """
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import fields, replace
 from typing import Any
 
 import numpy as np
@@ -14,7 +14,7 @@ from plant.checkup.along_log import at_times, sample_times
 from plant.checkup.hypothesis import Joints, columns_of
 from plant.checkup.score import Experiment
 from plant.checkup.signals import Signals
-from plant.laws import PD, P, commanded_torque
+from plant.laws import PD, PID, P, commanded_torque
 from plant.parts import Floats
 
 
@@ -317,6 +317,24 @@ def with_rate(record: Any, joints: Joints, size: float) -> Any:
     if not isinstance(law, PD) or np.any(law.derivative):
         raise ValueError(f"the law must be P, or lack its derivative; got {type(law).__name__}.")
     return replace(record, law=replace(law, derivative=size * np.array(law.gain)))
+
+
+def without_integral(record: Any, joints: Joints, size: float) -> Any:
+    """Take the integral of a law for zero."""
+    gains = np.array(record.law.integral, dtype=float)
+    gains[columns_of(joints)] = 0.0
+    return replace(record, law=replace(record.law, integral=gains))
+
+
+def with_integral(record: Any, joints: Joints, size: float) -> Any:
+    """Give a PD an integral of so many 1/s of its gain."""
+    law = record.law
+    if type(law) is not PD:
+        raise ValueError(f"the law must be PD; got {type(law).__name__}.")
+    factors = np.zeros(record.n)
+    factors[columns_of(joints)] = size
+    numbers = {field.name: getattr(law, field.name) for field in fields(law) if field.init}
+    return replace(record, law=PID(**numbers, integral=factors * np.array(law.gain)))
 
 
 def scaled_counts(record: Any, joints: Joints, size: float) -> Any:

@@ -22,6 +22,11 @@ from plant.checkup.counts_evidence import (
 from plant.checkup.delays import DELAYS, delay_evidence, delay_sizes, torque_delays
 from plant.checkup.gain_units import GAINS, gain_sizes, other_gains, unit_evidence
 from plant.checkup.hypothesis import Hypothesis, Joints, each_joint, pairs
+from plant.checkup.integrals import (
+    integral_evidence,
+    lacking_integral_evidence,
+    no_integral_evidence,
+)
 from plant.checkup.sizes import (
     command_ratios,
     friction_ratios,
@@ -73,7 +78,9 @@ from plant.checkup.undo import (
     turned_torque,
     with_counts,
     with_gravity,
+    with_integral,
     with_rate,
+    without_integral,
     without_torque,
 )
 from plant.checkup.zeros import mean_errors, zero_evidence
@@ -461,6 +468,7 @@ def _single_gains() -> Iterator[Hypothesis[Any]]:
         whose = "{joint}" if scope is each_joint else "all joints"
         for gain in (name for name in GAINS if name != "gains"):
             words = gain if gain == "gain" else f"{gain} gain"
+            by_level = integral_evidence if gain == "integral" else None
             yield Hypothesis(
                 name=f"{words} alone",
                 check="units of gains",
@@ -470,8 +478,34 @@ def _single_gains() -> Iterator[Hypothesis[Any]]:
                 measurement=_BLOCKED,
                 scope=scope,
                 suggested=gain_sizes(gain),
+                evidence=by_level,
+                scored=gain == "integral",
                 tolerance=0.3,
             )
+        yield Hypothesis(
+            name="no integral",
+            check="units of gains",
+            sentence=f"The law that made the log has no integral at {whose}",
+            remedy="State it without one.",
+            undo=without_integral,
+            measurement=_BLOCKED,
+            scope=scope,
+            evidence=no_integral_evidence,
+            scored=True,
+            against=8.0,
+        )
+    yield Hypothesis(
+        name="lacking integral",
+        check="units of gains",
+        sentence="The law that made the log has an integral, of {value:.3g} 1/s of its gain",
+        remedy="State a PID.",
+        undo=with_integral,
+        measurement=_BLOCKED,
+        evidence=lacking_integral_evidence,
+        scored=True,
+        tolerance=3.0,
+        against=8.0,
+    )
 
 
 def _sizes() -> Iterator[Hypothesis[Any]]:

@@ -4,7 +4,7 @@ Reading order: `law` (the contract) -> `terms` (rate, integral) -> `pid` -> `rep
 """
 
 from plant.laws.law import Block, Law, Setpoint, StatelessLaw, Step, block_of
-from plant.laws.pid import PD, Cascade, P
+from plant.laws.pid import PD, PID, Cascade, P
 from plant.laws.replayed import LoggedTorque, commanded_torque
 from plant.laws.resumed import FAST, AlongLog, Resumed
 from plant.laws.terms import (
@@ -22,6 +22,7 @@ __all__ = [
     "FAST",
     "INTEGRATION",
     "PD",
+    "PID",
     "SMOOTHED",
     "AlongLog",
     "Block",
