@@ -15,10 +15,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from plant.checkup.along_log import SETTINGS as ALONG_LOG
-from plant.checkup.along_log import at_times, comparable_torques, driven, sample_times, torque_along
+from plant.checkup.along_log import at_times, driven, sample_times, torque_along
 from plant.checkup.hypothesis import Joints, columns_of
 from plant.checkup.score import SETTINGS as SCORE
 from plant.checkup.score import Experiment
+from plant.checkup.sizes import regressed, unlimited_steps
 from plant.checkup.torque_evidence import by_friction
 from plant.laws import PD, Cascade, P
 from plant.parts import Floats
@@ -195,23 +196,12 @@ def _factors_of_gains(experiment):
     along = experiment.once(_along_log)
     if along is None:
         return None
-    drive = experiment.record.rig.drive
-    columns = [experiment.signals, drive.joint_torque(along.torque)]
-    clear, commanded, logged = comparable_torques(*columns)
-    # A step from or to a limit is that of the limit.
-    within = clear[:, None] & (np.abs(commanded) < drive.motor_gain * drive.current_limit)
-    both = within[1:] & within[:-1]
-    lacking = np.where(both, np.diff(logged - commanded, axis=0), 0.0)
+    joint = experiment.record.rig.drive.joint_torque(along.torque)
+    steps, measured, *parts = unlimited_steps(experiment.signals, joint, *along.parts.values())
+    lacking = measured - steps
     return {
-        name: 1 + regressed_factor(np.where(both, np.diff(part, axis=0), 0.0), lacking)
-        for name, part in along.parts.items()
+        name: regressed(part + lacking, part) for name, part in zip(along.parts, parts, strict=True)
     }
-
-
-def regressed_factor(part: Floats, lacking: Floats) -> Floats:
-    """Factors (n,) of a part of the torque that explain what is lacking; 0 without a part."""
-    power = (part**2).sum(axis=0)
-    return np.asarray((part * lacking).sum(axis=0) / np.where(power > 0, power, 1.0))
 
 
 def unit_evidence(gain: str, unit: Unit) -> Callable[..., Iterator[tuple[float, float]]]:

@@ -10,6 +10,7 @@ from plant.checkup.hypothesis import Joints, columns_of
 from plant.checkup.quantisation import grid
 from plant.checkup.score import SETTINGS as SCORE
 from plant.checkup.score import Experiment
+from plant.checkup.signals import Signals
 from plant.checkup.undo import SLACK, scaled_counts, scaled_reference
 from plant.parts import Floats, frozen_settings
 
@@ -133,40 +134,45 @@ def torque_ratios(experiment: Experiment, joints: Joints) -> tuple[float, ...]:
     if experiment.has_memory:
         if experiment.torques_of_law is None:
             return ()
-        ratio = _ratios_of_steps(experiment)
-        return _positive(np.median(ratio[columns_of(joints)]))
+        # A memory is unknown, but hardly changes the steps from sample to sample.
+        steps, measured = unlimited_steps(experiment.signals, experiment.torque_along)
+        return _positive(np.median(regressed(measured, steps)[columns_of(joints)]))
     commanded, logged = experiment.commanded, experiment.signals.torque
     if commanded is None or logged is None:
         return ()
-    # An amplifier at its limit shows its limit, and no gain.
-    limit = _motor_limit(experiment)
-    limited = np.abs(np.abs(logged) / limit - 1) < SETTINGS.at_limit
+    within = _unlimited(experiment.record.rig.drive, commanded, logged)
     ratio = np.array(
         [
             regressed(centred(logged[rows, i]), centred(commanded[rows, i]))
-            for i, rows in enumerate(~limited.T)
+            for i, rows in enumerate(within.T)
         ]
     )
     return _positive(np.median(ratio[columns_of(joints)]))
 
 
-def _ratios_of_steps(experiment):
-    """Logged over commanded torque (n,) of a law with memory, by steps that no amplifier limits.
+def unlimited_steps(signals: Signals, commanded: Floats, *parts: Floats) -> list[Floats]:
+    """Steps (K - 1, n) of the law's motor torque, of the logged one, and of parts of the law's.
 
-    A memory is unknown, but hardly changes the steps from sample to sample. A torque in a wrong
-    scale meets the limit elsewhere than the command does, so the logged one is not limited.
+    Zero where an amplifier limits either torque. `commanded` (K, n): joint torque, as of
+    `torque_along`; `parts` (K, n): motor torques.
     """
-    signals, along = experiment.signals, experiment.torque_along
-    clear, commanded, logged = comparable_torques(signals, along)
-    limit = _motor_limit(experiment)
-    within = clear[:, None] & (np.abs(commanded) < (1 - SETTINGS.at_limit) * limit)
+    clear, law, logged = comparable_torques(signals, commanded)
+    within = clear[:, None] & _unlimited(signals.rig.drive, law, logged)
     both = within[1:] & within[:-1]
-    steps, measured = (np.where(both, np.diff(motor, axis=0), 0.0) for motor in (commanded, logged))
-    return regressed(measured, steps)
+    return [np.where(both, np.diff(motor, axis=0), 0.0) for motor in (law, logged, *parts)]
 
 
-def _motor_limit(experiment):
-    drive = experiment.record.rig.drive
+def _unlimited(drive, commanded, logged):
+    """Whether no amplifier limits motor torques (K, n): it shows its limit, and no gain.
+
+    A law in a wrong scale meets the limit elsewhere than the log does, so both are tested.
+    """
+    limit = _motor_limit(drive)
+    at_limit = np.abs(np.abs(logged) / limit - 1) < SETTINGS.at_limit
+    return (np.abs(commanded) < (1 - SETTINGS.at_limit) * limit) & ~at_limit
+
+
+def _motor_limit(drive):
     return drive.motor_gain * drive.current_limit
 
 
@@ -215,7 +221,7 @@ def used_limits(experiment: Experiment, joints: Joints) -> tuple[float, ...]:
         at_limit = np.abs(torque[beyond, i]) > (1 - SETTINGS.at_limit) * largest
         if at_limit.sum() < SETTINGS.rows or at_limit.mean() < SETTINGS.mostly:
             return ()
-    share = largest / float(_motor_limit(experiment)[i])
+    share = largest / float(_motor_limit(drive)[i])
     return (share,) if share < 1 - SETTINGS.relevant else ()
 
 

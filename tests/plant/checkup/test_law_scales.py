@@ -121,3 +121,26 @@ def test_a_torque_beyond_the_stated_limit_shows_another_limit(logs):
 def test_a_right_law_has_no_other_gains(logs, law):
     """A law without a period responds to counts between the rows, so its parts are not the log's."""
     assert logs[law].check().causes == ()
+
+
+@pytest.fixture(scope="module")
+def limited():
+    """Logs whose amplifiers are at their limit for a seventh of the samples, or more."""
+    rig = dataclasses.replace(RIG, drive=dataclasses.replace(RIG.drive, current_limit=(7.0, 3.5)))
+    laws = {"P": puma560.p_law(), "PID": LAWS["PID"]}
+    return {name: simulate(ARM, rig, law, PATH, duration=2.0) for name, law in laws.items()}
+
+
+@pytest.mark.parametrize(
+    ("law", "mistake", "factor"), [("P", "torque scale", 2.0), ("PID", "gain alone", 0.5)]
+)
+def test_an_amplifier_at_its_limit_shows_no_scale(limited, law, mistake, factor):
+    record = limited[law]
+    stated = dataclasses.replace(record.law, gain=factor * record.law.gain)
+    wrong = {
+        "torque scale": with_torque(record, factor * record.torque),
+        "gain alone": dataclasses.replace(record, law=stated),
+    }
+    causes = wrong[mistake].check().causes
+    assert [(cause.name, cause.joints) for cause in causes] == [(mistake, ())]
+    assert causes[0].size == pytest.approx(factor, rel=1e-2)
