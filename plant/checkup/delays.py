@@ -185,10 +185,11 @@ def _lag_evidence(experiment, joints):
     ).T
     # What a law leaves of friction looks like a small lag. A lag is linear in the speed within the
     # window over which speeds are smoothed; a longer one has another cause.
-    largest = np.abs(values).max()
+    moving = values[np.isfinite(stds)]
+    largest = np.abs(moving).max(initial=0.0)
     if (
         not SETTINGS.least_lag <= largest <= experiment.signals.window
-        or np.ptp(values) > SETTINGS.least_lag
+        or np.ptp(moving) > SETTINGS.least_lag
     ):
         return ()
     return _common(values, stds)
@@ -201,9 +202,14 @@ def feeds_forward(experiment: Experiment) -> bool:
 
 
 def lag(experiment: Experiment, i: int, *, friction: bool = False) -> tuple[float, float]:
-    """Samples by which the counts of joint i lag behind the reference, and standard deviation."""
+    """Samples by which the counts of joint i lag behind the reference, and standard deviation.
+
+    NaN and infinity of a reference that rests.
+    """
     signals = experiment.signals
     reference, counts = (experiment.filtered(name, i) for name in ("reference", "counts"))
+    if not np.mean(reference.speed**2) > experiment.filter.speed_noise:
+        return np.nan, np.inf
     columns = [reference.speed, np.ones(len(counts.value))]
     # Friction that the law lacks is an error with the sign of the speed.
     if friction:

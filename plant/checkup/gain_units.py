@@ -15,7 +15,13 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from plant.checkup.along_log import SETTINGS as ALONG_LOG
-from plant.checkup.along_log import at_times, driven, sample_times, torque_along
+from plant.checkup.along_log import (
+    at_times,
+    comparable_torques,
+    driven,
+    sample_times,
+    torque_along,
+)
 from plant.checkup.hypothesis import Joints, columns_of
 from plant.checkup.score import SETTINGS as SCORE
 from plant.checkup.score import Experiment
@@ -301,8 +307,10 @@ def _smoothed_torques(experiment):
         )
         return columns - columns.mean(axis=0)
 
-    times = sample_times(signals, len(along.torque))
-    logged = smoothed(at_times(times, signals.t, np.asarray(signals.torque)))
+    joint = experiment.record.rig.drive.joint_torque(along.torque)
+    _, commanded, logged = comparable_torques(signals, joint)
+    # What was injected beside the law's torque is no part of it.
+    logged = smoothed(logged - (commanded - along.torque))
     parts = {name: smoothed(part) for name, part in along.parts.items()}
     law = LawTorque(smoothed(along.torque), parts)
     return _Compared(logged, law, len(logged) / signals.window)

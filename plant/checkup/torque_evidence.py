@@ -75,15 +75,17 @@ def viscous_evidence(experiment: Experiment, joints: Joints) -> Any:
 def _differences(experiment):
     """Yield two filtered torques of each joint: the commanded one, and the logged one less it.
 
-    Each (M,) [N m], less its mean; nothing of a law with memory.
+    Each (M,) [N m], less its mean, behind the joint's index; nothing of a law with memory, or of a
+    joint whose command does not change.
     """
     if experiment.commanded is None or experiment.signals.torque is None:
         return
-    for i in range(experiment.n if experiment.long_enough else 0):
+    changes = np.ptp(experiment.commanded, axis=0) > 0
+    for i in np.flatnonzero(changes & experiment.long_enough):
         commanded, logged = (
             centred(experiment.filtered(name, i).value) for name in ("commanded", "torque")
         )
-        yield commanded, logged - commanded
+        yield i, commanded, logged - commanded
 
 
 def _likelier(experiment, commanded, difference, columns):
@@ -131,7 +133,7 @@ def rate_evidence(experiment: Experiment, joints: Joints) -> Any:
         return ()
     if experiment.has_memory:
         return None if experiment.command is not None else ()
-    for i, (commanded, difference) in enumerate(_differences(experiment)):
+    for i, commanded, difference in _differences(experiment):
         reference, counts = (experiment.filtered(name, i) for name in ("reference", "counts"))
         gain = regressed(commanded, centred(reference.value - counts.value))
         column = gain * (reference.speed - counts.speed)
@@ -149,7 +151,7 @@ def model_evidence(experiment: Experiment, joints: Joints) -> Iterator[tuple[flo
     if not differences or equations is None or motions is None or measured is None:
         return
     odds, lacking = 0.0, 0.0
-    for i, (commanded, difference) in enumerate(differences):
+    for i, commanded, difference in differences:
         motion, logged, equation = measured[i], motions[i], equations[i]
         # Beside the size of the torque, so that units do not count.
         size = np.std(commanded + difference)

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from plant.checkup.along_log import at_times, sample_times
+from plant.checkup.along_log import at_times, comparable_torques, sample_times
 from plant.checkup.hypothesis import Joints, columns_of
 from plant.checkup.score import Experiment
 from plant.checkup.signals import Signals
@@ -272,8 +272,9 @@ def _gravity_by_pose(record):
 
     # The law reads the log at even times, so compare at these.
     t = sample_times(signals, len(experiment.torque_along))
-    counts, logged = (at_times(t, signals.t, x) for x in (signals.counts, signals.torque))
-    lacking = drive.motor_torque(experiment.torque_along) - logged
+    counts = at_times(t, signals.t, signals.counts)
+    _, commanded, logged = comparable_torques(signals, experiment.torque_along)
+    lacking = commanded - logged
     coefficients = np.linalg.lstsq(pose(counts), lacking, rcond=None)[0]
     # A constant may come from what a law with memory did before the log.
     if experiment.has_memory:
