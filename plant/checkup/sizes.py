@@ -11,7 +11,7 @@ from plant.checkup.quantisation import grid
 from plant.checkup.score import SETTINGS as SCORE
 from plant.checkup.score import Experiment
 from plant.checkup.signals import Signals
-from plant.checkup.undo import SLACK, scaled_counts, scaled_reference
+from plant.checkup.undo import SLACK, rated_torque, scaled_counts, scaled_reference
 from plant.parts import Floats, frozen_settings
 
 
@@ -191,10 +191,14 @@ def rated_shares(experiment: Experiment, joints: Joints) -> tuple[float, ...]:
         return ()
     # Of joints with unequal limits one share of the limits tells per mille from a mere factor.
     ratio = np.ravel(ratios)
-    shares = 1e3 / (ratio * experiment.record.rig.drive.torque_limit())
+    of_limits = experiment.changed(rated_torque(experiment.record, (), 1.0))
+    inverses = [torque_ratios(of_limits, (i,)) for i in range(experiment.n)]
+    # Without a factor it is per mille of the limit itself, which has a row.
+    if not all(inverses):
+        return ()
+    shares = 1 / np.ravel(inverses)
     alike = [np.ptp(np.log(values)) < SETTINGS.relevant for values in (shares, ratio)]
     share = float(np.median(shares))
-    # The limit itself has a row.
     return (share,) if alike == [True, False] and share < 1 - SETTINGS.relevant else ()
 
 

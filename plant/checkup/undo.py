@@ -212,8 +212,13 @@ def turned_error(record: Any, joints: Joints, size: float) -> Any:
 
 
 # -- units -----------------------------------------------------------------------------------------
-def scaled_torque(factor: Callable[[Any], Any], name: str = "torque") -> Callable[..., Any]:
-    """Multiply the column `torque` or `current` by a factor that the rig gives."""
+def scaled_torque(
+    factor: Callable[[Any], Any], name: str = "torque", *, of_shafts: bool = False
+) -> Callable[..., Any]:
+    """Multiply the column `torque` or `current` by a factor that the rig gives.
+
+    `of_shafts`: the product is a torque of the gears' shafts, which a coupling takes to the joints.
+    """
 
     def undo(record, joints, size):
         column = getattr(record, name)
@@ -226,7 +231,10 @@ def scaled_torque(factor: Callable[[Any], Any], name: str = "torque") -> Callabl
         # The motor's torque may have the direction of the motor, or that of the joint.
         if size < 0:
             factors = factors * np.sign(record.rig.drive.gear)
-        return replace(record, **{name: column * factors})
+        scaled = column * factors
+        if of_shafts:
+            scaled = record.rig.drive.coupling.joint_torque(scaled)
+        return replace(record, **{name: scaled})
 
     return undo
 
@@ -291,9 +299,12 @@ def as_commanded(record: Any, joints: Joints, size: float) -> Any:
 
 
 def rated_torque(record: Any, joints: Joints, size: float) -> Any:
-    """Convert torques from per mille of a rated one, which is so much of the limit."""
-    factor = size * record.rig.drive.torque_limit() / 1e3
-    return with_torques(record, lambda torque: factor * torque)
+    """Convert a torque or current from per mille of a rated one, which is so much of the limit."""
+    if record.torque is None:
+        undo = scaled_torque(lambda rig: size * rig.drive.current_limit / 1e3, "current")
+    else:
+        undo = scaled_torque(lambda rig: size * rig.drive.torque_limit() / 1e3, of_shafts=True)
+    return undo(record, joints, 1.0)
 
 
 def signed_magnitude(record: Any, joints: Joints, size: float) -> Any:

@@ -205,15 +205,16 @@ def _units_of_torque() -> Iterator[Hypothesis[Any]]:
         "in A, not in mA": ("current", lambda rig: 1e3),
     }
     for unit, (column, factor) in units.items():
+        of_motors = "motor" in unit or "limit" in unit
         yield Hypothesis(
             name=f"{column} {unit}",
             check="units of torque",
             sentence=f"The {column} may be {unit}",
             remedy="State its unit, or convert it.",
-            undo=scaled_torque(factor, column),
+            undo=scaled_torque(factor, column, of_shafts=of_motors),
             measurement=_LOAD,
             # A motor's torque may have the direction of the motor.
-            sizes=(1.0, -1.0) if "motor" in unit or "limit" in unit else (1.0,),
+            sizes=(1.0, -1.0) if of_motors else (1.0,),
             against=8.0,
         )
 

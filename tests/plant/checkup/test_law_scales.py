@@ -144,3 +144,30 @@ def test_an_amplifier_at_its_limit_shows_no_scale(limited, law, mistake, factor)
     causes = wrong[mistake].check().causes
     assert [(cause.name, cause.joints) for cause in causes] == [(mistake, ())]
     assert causes[0].size == pytest.approx(factor, rel=1e-2)
+
+
+@pytest.mark.parametrize("quantity", ["torque", "current"])
+def test_per_mille_of_a_rated_torque_or_current_is_one_share_of_unequal_limits(quantity):
+    drive = dataclasses.replace(RIG.drive, current_limit=(12.0, 8.0))
+    rig = dataclasses.replace(RIG, drive=drive)
+    made = simulate(ARM, rig, LAWS["PID"], PATH, duration=2.0)
+    limit = {"torque": drive.torque_limit(), "current": drive.current_limit}[quantity]
+    logged = {"torque": None, "current": None} | {
+        quantity: 1e3 * getattr(made, quantity) / (0.3 * limit)
+    }
+    checkup = dataclasses.replace(made, **logged).check()
+    (cause,) = checkup.causes
+    assert cause.name == "torque per mille of the rated one"
+    assert cause.size == pytest.approx(0.3, rel=1e-3)
+    np.testing.assert_allclose(
+        getattr(checkup.corrected, quantity), getattr(made, quantity), atol=1e-2
+    )
+
+
+@pytest.mark.filterwarnings("error")
+def test_a_drive_without_a_limit_has_no_rated_share(logs):
+    record = logs["PID"]
+    drive = dataclasses.replace(RIG.drive, current_limit=(np.inf, 12.0))
+    endless = dataclasses.replace(record, rig=dataclasses.replace(RIG, drive=drive))
+    causes = with_torque(endless, 7.0 * record.torque).check().causes
+    assert [cause.name for cause in causes] == ["torque scale"]

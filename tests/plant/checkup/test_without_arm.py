@@ -10,9 +10,14 @@ import pytest
 from plant import (
     PD,
     PID,
+    Body,
+    Chain,
+    Coupling,
+    Dynamics,
     Elasticity,
     Harmonics,
     Hypothesis,
+    Link,
     LoggedTorque,
     Phase,
     puma560,
@@ -525,3 +530,23 @@ def test_a_unit_of_time_is_near_a_power_of_a_thousand(record, ratio, factors):
     """A log of every fortieth row is in seconds."""
     causes = dataclasses.replace(record, t=record.t * ratio).check().causes
     assert [cause.size for cause in causes if cause.name == "unit of time"] == factors
+
+
+def test_currents_of_coupled_motors_become_torques_of_the_joints():
+    coupling = Coupling(matrix=((1, 0), (1, 1)))
+    rig = dataclasses.replace(RIG, drive=dataclasses.replace(DRIVE, coupling=coupling))
+    links = tuple(
+        Link(name=name, alpha=alpha, a=a, d=0.0)
+        for name, alpha, a in (("2", -np.pi / 2, 0.0), ("3", 0.0, 0.4318))
+    )
+    bodies = tuple(
+        Body(mass=mass, com=com, inertia=(0, 0, 0, 0, 0, izz))
+        for mass, com, izz in ((17.4, (0.068, 0.006, 0), 0.539), (6.0, (0, -0.14, 0), 0.3))
+    )
+    chain = Chain(links=links, bodies=bodies, coupling=coupling).with_rotors(rig.drive)
+    dynamics = Dynamics.from_chain(chain)
+    law = puma560.p_law((0.12, 0.09))
+    made = simulate(dynamics.arm(dynamics.f()), rig, law, puma560.reference(), duration=2.0)
+    checkup = dataclasses.replace(made, torque=rig.drive.current(made.torque), current=None).check()
+    assert [cause.name for cause in checkup.causes] == ["torque a motor current in A"]
+    np.testing.assert_allclose(checkup.corrected.torque, made.torque, atol=1e-9)
