@@ -1,6 +1,6 @@
-"""A law with memory, run along the counts of a log: the steps of torque that it commands.
+"""A law, run along the counts of a log: the torque that it commands, and the steps of it.
 
-Its memory before the log is unknown, so steps are compared, in which an integral cancels.
+The memory of a law before the log is unknown, so steps are compared, in which an integral cancels.
 """
 
 from dataclasses import dataclass, replace
@@ -76,7 +76,8 @@ def comparable_torques(signals: Signals, commanded: Floats) -> tuple[Bools, Floa
 def torque_along(signals: Signals, stated: Any, rig: Any) -> Floats | None:
     """Joint torque (K, n) of a law that reads the log's counts, in its first samples.
 
-    It is limited by the amplifiers of `rig`. None where the law, or the log, does not allow it.
+    That of a law with memory is limited by the amplifiers of `rig`, any other is not. None where
+    the law, or the log, does not allow it.
     """
     law = _law_along_log(signals, stated, rig)
     if law is None:

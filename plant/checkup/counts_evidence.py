@@ -93,7 +93,7 @@ EDGES = (4.0, 2.0, 0.5, 0.25)
 
 
 def _stranger(experiment, changed, size):
-    """Log odds of another resolution: gravity and inertia that no arm has, then those of one.
+    """Log odds of another resolution, if an arm can have its gravity and inertia, not the stated.
 
     What springs and other arms need of more columns is a small share of their torque.
     """

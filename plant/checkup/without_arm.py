@@ -83,7 +83,7 @@ from plant.checkup.undo import (
     without_integral,
     without_torque,
 )
-from plant.checkup.zeros import mean_errors, zero_evidence
+from plant.checkup.zeros import median_errors, zero_evidence
 
 # Measurements that distinguish rows which explain a log alike.
 _LOAD = "Hold a known load: the torque is its weight times its lever."
@@ -325,7 +325,7 @@ def _units_of_one() -> Iterator[Hypothesis[Any]]:
         measurement="Hold the joint at a stop, and read both.",
         scope=each_joint,
         evidence=zero_evidence,
-        suggested=mean_errors,
+        suggested=median_errors,
         against=5.0,
         unit="pulses",
     )

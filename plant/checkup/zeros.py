@@ -12,7 +12,7 @@ from plant.checkup.score import Experiment
 from plant.checkup.undo import shifted_reference
 
 
-def mean_errors(experiment: Experiment, joints: Joints) -> tuple[float, ...]:
+def median_errors(experiment: Experiment, joints: Joints) -> tuple[float, ...]:
     """The median error [pulses], where it is large against how the error changes in the log.
 
     The torque of a law with memory shows whether a small one is of the loop.
@@ -67,7 +67,7 @@ def _by_torque_of_law(experiment: Experiment, joints: Joints) -> Iterator[tuple[
     torque cannot be that of the motion, nor the logged one.
     """
     chosen = columns_of(joints)
-    for size in mean_errors(experiment, joints):
+    for size in median_errors(experiment, joints):
         changed = experiment.changed(shifted_reference(experiment.record, joints, size))
         odds = 0.0 if experiment.command is None else changed.score - experiment.score
         stated, corrected = (each.once(_driven_by_law) for each in (experiment, changed))
