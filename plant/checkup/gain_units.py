@@ -16,7 +16,6 @@ import numpy as np
 
 from plant.checkup.along_log import SETTINGS as ALONG_LOG
 from plant.checkup.along_log import (
-    at_times,
     comparable_torques,
     driven,
     sample_times,
@@ -203,7 +202,7 @@ def _factors_of_gains(experiment):
     if along is None:
         return None
     joint = experiment.record.rig.drive.joint_torque(along.torque)
-    steps, measured, *parts = unlimited_steps(experiment.signals, joint, *along.parts.values())
+    steps, measured, parts = unlimited_steps(experiment.signals, joint, tuple(along.parts.values()))
     lacking = measured - steps
     return {
         name: regressed(part + lacking, part) for name, part in zip(along.parts, parts, strict=True)

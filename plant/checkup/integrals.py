@@ -12,10 +12,11 @@ import numpy as np
 from plant.checkup.along_log import comparable_torques
 from plant.checkup.filtered import centred
 from plant.checkup.gain_units import SETTINGS as UNITS
-from plant.checkup.gain_units import other_gains, reads_the_log, regressed_factor
+from plant.checkup.gain_units import other_gains, reads_the_log
 from plant.checkup.hypothesis import Joints, columns_of
 from plant.checkup.score import SETTINGS as SCORE
 from plant.checkup.score import Experiment, shares
+from plant.checkup.sizes import regressed
 from plant.checkup.torque_regression import SETTINGS as REGRESSION
 from plant.checkup.undo import with_integral, without_integral
 from plant.laws import PD
@@ -65,7 +66,7 @@ def _factor(whole, without, joints):
     """Factor of the part that one law has and another lacks, for the logged torque."""
     law, logged = _levels(whole)
     rest, _ = _levels(without)
-    factors = regressed_factor(law - rest, logged - rest)
+    factors = regressed(logged - rest, law - rest)
     return float(np.median(factors[columns_of(joints)]))
 
 

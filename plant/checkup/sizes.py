@@ -135,7 +135,7 @@ def torque_ratios(experiment: Experiment, joints: Joints) -> tuple[float, ...]:
         if experiment.torques_of_law is None:
             return ()
         # A memory is unknown, but hardly changes the steps from sample to sample.
-        steps, measured = unlimited_steps(experiment.signals, experiment.torque_along)
+        steps, measured, _ = unlimited_steps(experiment.signals, experiment.torque_along)
         return _positive(np.median(regressed(measured, steps)[columns_of(joints)]))
     commanded, logged = experiment.commanded, experiment.signals.torque
     if commanded is None or logged is None:
@@ -150,7 +150,9 @@ def torque_ratios(experiment: Experiment, joints: Joints) -> tuple[float, ...]:
     return _positive(np.median(ratio[columns_of(joints)]))
 
 
-def unlimited_steps(signals: Signals, commanded: Floats, *parts: Floats) -> list[Floats]:
+def unlimited_steps(
+    signals: Signals, commanded: Floats, parts: tuple[Floats, ...] = ()
+) -> tuple[Floats, Floats, list[Floats]]:
     """Steps (K - 1, n) of the law's motor torque, of the logged one, and of parts of the law's.
 
     Zero where an amplifier limits either torque. `commanded` (K, n): joint torque, as of
@@ -159,7 +161,8 @@ def unlimited_steps(signals: Signals, commanded: Floats, *parts: Floats) -> list
     clear, law, logged = comparable_torques(signals, commanded)
     within = clear[:, None] & _unlimited(signals.rig.drive, law, logged)
     both = within[1:] & within[:-1]
-    return [np.where(both, np.diff(motor, axis=0), 0.0) for motor in (law, logged, *parts)]
+    steps, measured = (np.where(both, np.diff(motor, axis=0), 0.0) for motor in (law, logged))
+    return steps, measured, [np.where(both, np.diff(part, axis=0), 0.0) for part in parts]
 
 
 def _unlimited(drive, commanded, logged):

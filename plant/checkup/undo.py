@@ -270,7 +270,7 @@ def with_gravity(record: Any, joints: Joints, size: float) -> Any:
 def _gravity_by_pose(record):
     """Motor torque (N, n) that depends on the pose, and that the logged one lacks of the law's."""
     experiment = Experiment(record)
-    signals, drive = experiment.signals, record.rig.drive
+    signals = experiment.signals
     if experiment.torque_along is None:
         raise ValueError("the record must have a law that reads its counts. State it.")
 
