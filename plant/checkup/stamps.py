@@ -152,7 +152,8 @@ def _intervals(signals, steps):
     regular = (steps < late) & ~crowded
     jitter = 100 * np.std(steps[regular] if regular.any() else steps)
     advice = (
-        "Intervals jitter; use the logged times, or let the controller's clock stamp the samples."
+        "Intervals jitter; use the logged times, unless rows and stamps says that the counts come"
+        " evenly. Let the controller's clock stamp the samples."
     )
     # Whether such stamps are the times of the counts, `_rows_and_stamps` says.
     yield Check("time jitter", None, "%").graded(jitter, advice, look=TIME.jitter)

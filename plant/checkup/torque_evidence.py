@@ -13,6 +13,7 @@ from plant.checkup.score import Experiment
 from plant.checkup.sizes import friction_ratios, regressed
 from plant.checkup.torque_regression import SETTINGS as REGRESSION
 from plant.checkup.undo import as_commanded, gains_in_ampere, with_gravity
+from plant.checkup.zeros import driven_by_law
 from plant.parts import frozen_settings
 
 
@@ -145,25 +146,45 @@ def rate_evidence(experiment: Experiment, joints: Joints) -> Any:
 
 def model_evidence(experiment: Experiment, joints: Joints) -> Iterator[tuple[float, float]]:
     """Log odds of a logged torque that is inverse dynamics: it has no friction, the law's has."""
-    differences = list(_differences(experiment))
-    equations, motions = experiment.equations_of_motion, experiment.motions
-    measured = experiment.changed(as_commanded(experiment.record, joints, 1.0)).motions
-    if not differences or equations is None or motions is None or measured is None:
+    logged, by_law = _both_torques(experiment)
+    if logged is None or by_law is None or not logged.long_enough:
+        return
+    equations = logged.equations_of_motion
+    if equations is None or logged.motions is None or by_law.motions is None:
         return
     odds, lacking = 0.0, 0.0
-    for i, commanded, difference in differences:
-        motion, logged, equation = measured[i], motions[i], equations[i]
+    for i, (motion, measured) in enumerate(zip(logged.motions, by_law.motions, strict=True)):
+        commanded, torque = (centred(each.filtered("torque", i).value) for each in (by_law, logged))
         # Beside the size of the torque, so that units do not count.
-        size = np.std(commanded + difference)
+        size = np.std(torque)
         # A torque that hardly changes, as at the amplifier's limit or at rest, is no model's.
         if not np.std(commanded) > 0 or size < MODEL.constant * np.std(commanded):
             return
-        unit = np.std(commanded) / size
-        friction, std = unit * logged.coulomb, unit * logged.coulomb_std
-        if not friction < MODEL.frictionless * motion.coulomb + 2 * std:
+        # Nor is one of the other sign.
+        if not torque @ commanded > 0:
             return
-        lacking += ((motion.coulomb - friction) / np.hypot(std, motion.coulomb_std)) ** 2
-        columns = np.column_stack([equation.own, equation.free])
-        odds += _likelier(experiment, commanded, difference, columns)[1] - columns.shape[1]
+        unit = np.std(commanded) / size
+        friction, std = unit * motion.coulomb, unit * motion.coulomb_std
+        if not friction < MODEL.frictionless * measured.coulomb + 2 * std:
+            return
+        lacking += ((measured.coulomb - friction) / np.hypot(std, measured.coulomb_std)) ** 2
+        columns = np.column_stack([equations[i].own, equations[i].free])
+        likelier = _likelier(logged, commanded, torque - commanded, columns)[1]
+        odds += likelier - columns.shape[1]
     if lacking > MODEL.certain**2:
         yield 1.0, odds
+
+
+def _both_torques(experiment):
+    """A stretch of the log with the logged torque, and with that of its law; None without both."""
+    if experiment.signals.torque is None:
+        return None, None
+    if not experiment.has_memory:
+        commanded = as_commanded(experiment.record, (), 1.0)
+        return experiment, experiment.changed(commanded)
+    by_law = experiment.once(driven_by_law)
+    if by_law is None:
+        return None, None
+    record = experiment.record
+    t = by_law.record.t
+    return Experiment(record.cut(t[0], t[-1])), by_law

@@ -290,6 +290,12 @@ def _gravity_by_pose(record):
     return pose(record.counts) @ coefficients
 
 
+def without_model(record: Any, joints: Joints, size: float) -> Any:
+    """Take the torque of the law in place of a model's; leave it out where the law has memory."""
+    memory = record.law is not None and record.law.has_memory(record.n)
+    return (without_torque if memory else as_commanded)(record, joints, size)
+
+
 def as_commanded(record: Any, joints: Joints, size: float) -> Any:
     """Take the torque of the law in place of the logged one."""
     commanded = commanded_torque(record)

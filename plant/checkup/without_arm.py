@@ -45,7 +45,6 @@ from plant.checkup.torque_evidence import (
     zeros_evidence,
 )
 from plant.checkup.undo import (
-    as_commanded,
     counted_edges,
     counted_in_steps,
     counts_in_time,
@@ -81,6 +80,7 @@ from plant.checkup.undo import (
     with_integral,
     with_rate,
     without_integral,
+    without_model,
     without_torque,
 )
 from plant.checkup.zeros import median_errors, zero_evidence
@@ -245,7 +245,7 @@ def _kinds_of_torque() -> Iterator[Hypothesis[Any]]:
         check="units of torque",
         sentence="The torque is not measured but of a model: it lacks the law's dry friction",
         remedy="Log what the drive measures, or leave the column out.",
-        undo=as_commanded,
+        undo=without_model,
         measurement="Turn a joint slowly: its measured torque jumps where it turns back.",
         evidence=model_evidence,
         against=8.0,

@@ -70,7 +70,7 @@ def _by_torque_of_law(experiment: Experiment, joints: Joints) -> Iterator[tuple[
     for size in median_errors(experiment, joints):
         changed = experiment.changed(shifted_reference(experiment.record, joints, size))
         odds = 0.0 if experiment.command is None else changed.score - experiment.score
-        stated, corrected = (each.once(_driven_by_law) for each in (experiment, changed))
+        stated, corrected = (each.once(driven_by_law) for each in (experiment, changed))
         if stated is not None and corrected is not None:
             before, after = (_unexplained(each)[chosen].max() for each in (stated, corrected))
             if before > SCORE.unlike and after < SCORE.like:
@@ -78,7 +78,7 @@ def _by_torque_of_law(experiment: Experiment, joints: Joints) -> Iterator[tuple[
         yield size, odds
 
 
-def _driven_by_law(experiment):
+def driven_by_law(experiment: Experiment) -> Experiment | None:
     """The log with the torque of its law as the logged one; None where it cannot be run."""
     along = experiment.torque_along
     if along is None:

@@ -101,6 +101,21 @@ def test_a_clock_that_is_a_little_off_is_one_cause(logs, law):
     assert {finding.check for finding in problems} == {"period"}
 
 
+@pytest.mark.parametrize("law", ["PD", "PID"])
+def test_a_torque_of_a_model_lacks_the_friction_of_the_law_s(logs, law):
+    record = logs[law]
+    motion = PATH(record.t)
+    torque = [ARM.inverse(*state) for state in zip(*motion, strict=True)]
+    checkup = with_torque(record, np.array(torque)).check()
+    assert [cause.name for cause in checkup.causes] == ["torque of a model"]
+    assert checkup.corrected.torque is None
+
+
+def test_a_turned_torque_is_no_model_s(logs):
+    causes = with_torque(logs["PID"], -logs["PID"].torque).check().causes
+    assert causes[0].name == "turned torque"
+
+
 def test_a_torque_of_zeros_is_left_out(logs):
     checkup = with_torque(logs["PD"], 0 * logs["PD"].torque).check()
     assert [cause.name for cause in checkup.causes] == ["torque of zeros"]
