@@ -113,7 +113,7 @@ def test_a_torque_of_a_model_lacks_the_friction_of_the_law_s(logs, law):
 
 def test_a_turned_torque_is_no_model_s(logs):
     causes = with_torque(logs["PID"], -logs["PID"].torque).check().causes
-    assert causes[0].name == "turned torque"
+    assert causes[0].name == "turned torque of all joints"
 
 
 def test_a_torque_of_zeros_is_left_out(logs):
