@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from plant.checkup.signals import Signals
+from plant.checkup.stamps import chance_of_period
 from plant.laws import FAST, Resumed, block_of, commanded_torque
 from plant.motion import smooth_splines
 from plant.parts import Bools, Floats
@@ -90,10 +91,12 @@ def torque_along(signals: Signals, stated: Any, rig: Any) -> Floats | None:
     # 1. The law's own times: fast hardware has no period, and is run some steps per sample.
     period = law.period or signals.interval / FAST
     # The clock of a log may be off by a little: the law's steps are the log's, not those of a time
-    # that drifts away by samples.
+    # that drifts away by samples. Stamps that scatter show no such clock.
     steps = max(round(signals.interval / period), 1)
-    alike = 1 / SETTINGS.period < signals.interval / (steps * period) < SETTINGS.period
-    spacing = signals.interval / steps if alike else period
+    ratio = signals.interval / (steps * period)
+    off = abs(np.log(ratio)) > 1e-3 + chance_of_period(signals)
+    alike = 1 / SETTINGS.period < ratio < SETTINGS.period
+    spacing = signals.interval / steps if off and alike else period
     times = np.arange(t[0], t[-1] + spacing / 2, spacing)
     counts = at_times(times, record.t, law.replayed(record))
     reference = at_times(times, signals.t, np.asarray(signals.reference))

@@ -152,16 +152,19 @@ def model_evidence(experiment: Experiment, joints: Joints) -> Iterator[tuple[flo
     equations = logged.equations_of_motion
     if equations is None or logged.motions is None or by_law.motions is None:
         return
+    torques = [
+        np.column_stack([centred(each.filtered("torque", i).value) for i in range(each.n)])
+        for each in (by_law, logged)
+    ]
+    if not _of_the_same_joints(*torques):
+        return
     odds, lacking = 0.0, 0.0
     for i, (motion, measured) in enumerate(zip(logged.motions, by_law.motions, strict=True)):
-        commanded, torque = (centred(each.filtered("torque", i).value) for each in (by_law, logged))
+        commanded, torque = (motors[:, i] for motors in torques)
         # Beside the size of the torque, so that units do not count.
         size = np.std(torque)
         # A torque that hardly changes, as at the amplifier's limit or at rest, is no model's.
         if not np.std(commanded) > 0 or size < MODEL.constant * np.std(commanded):
-            return
-        # Nor is one of the other sign.
-        if not torque @ commanded > 0:
             return
         unit = np.std(commanded) / size
         friction, std = unit * motion.coulomb, unit * motion.coulomb_std
@@ -173,6 +176,17 @@ def model_evidence(experiment: Experiment, joints: Joints) -> Iterator[tuple[flo
         odds += likelier - columns.shape[1]
     if lacking > MODEL.certain**2:
         yield 1.0, odds
+
+
+def _of_the_same_joints(commanded, logged):
+    """Whether logged torques (M, n) are most like the law's in their order, and of its signs."""
+    # It is slow to import.
+    from scipy.optimize import linear_sum_assignment
+
+    sizes = np.outer(np.linalg.norm(logged, axis=0), np.linalg.norm(commanded, axis=0))
+    alike = logged.T @ commanded / np.maximum(sizes, np.finfo(float).tiny)
+    joints, likest = linear_sum_assignment(-np.abs(alike))
+    return bool((joints == likest).all() and (np.diag(alike) > 0).all())
 
 
 def _both_torques(experiment):

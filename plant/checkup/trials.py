@@ -90,9 +90,8 @@ class Trials:
             return []
         # Where the arm is stated wrongly, the torque of a law that knows the arm is a little nearer
         # to the logged one at another scale.
-        if hypothesis.check == "units of torque" and not _explains(
-            experiment, changed(size), joints
-        ):
+        scale = hypothesis.check in ("units of torque", "units of gains")
+        if scale and not _explains(experiment, changed(size), joints):
             return []
         delay = hypothesis.check == "delay"
         # A shift of less than a sample may come from hardware that reads its counter beside the
@@ -130,10 +129,10 @@ class Trials:
                 peak = most
             most -= max(gain(-size), 0.0)
         # Occam: a size that the log determines well was unlikely to be just that.
-        scale = 1.0 if grid_of_sizes else size
-        step = 0.02 * tolerance * scale
+        unit = 1.0 if grid_of_sizes else size
+        step = 0.02 * tolerance * unit
         curvature = (2 * peak - gain(size + step) - gain(size - step)) / step**2
-        occam = np.log1p((tolerance * scale) ** 2 * max(curvature, 0.0)) / 2
+        occam = np.log1p((tolerance * unit) ** 2 * max(curvature, 0.0)) / 2
         return [(size, most - occam)]
 
 

@@ -69,7 +69,9 @@ def _by_torque_of_law(experiment: Experiment, joints: Joints) -> Iterator[tuple[
     chosen = columns_of(joints)
     for size in median_errors(experiment, joints):
         changed = experiment.changed(shifted_reference(experiment.record, joints, size))
-        odds = 0.0 if experiment.command is None else changed.score - experiment.score
+        # A shift that leaves another torque than the law's has another cause.
+        explained = changed.command is not None and (changed.command[chosen] < SCORE.like).all()
+        odds = changed.score - experiment.score if explained else 0.0
         stated, corrected = (each.once(driven_by_law) for each in (experiment, changed))
         if stated is not None and corrected is not None:
             before, after = (_unexplained(each)[chosen].max() for each in (stated, corrected))
