@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from plant.checkup.signals import Signals
-from plant.checkup.stamps import chance_of_period
+from plant.checkup.stamps import another_period
 from plant.laws import FAST, Resumed, block_of, commanded_torque
 from plant.motion import smooth_splines
 from plant.parts import Bools, Floats
@@ -94,9 +94,8 @@ def torque_along(signals: Signals, stated: Any, rig: Any) -> Floats | None:
     # that drifts away by samples. Stamps that scatter show no such clock.
     steps = max(round(signals.interval / period), 1)
     ratio = signals.interval / (steps * period)
-    off = abs(np.log(ratio)) > 1e-3 + chance_of_period(signals)
     alike = 1 / SETTINGS.period < ratio < SETTINGS.period
-    spacing = signals.interval / steps if off and alike else period
+    spacing = signals.interval / steps if alike and another_period(signals, ratio) else period
     times = np.arange(t[0], t[-1] + spacing / 2, spacing)
     counts = at_times(times, record.t, law.replayed(record))
     reference = at_times(times, signals.t, np.asarray(signals.reference))

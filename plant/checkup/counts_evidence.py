@@ -10,7 +10,7 @@ from plant.checkup.rounding import rounding_log_odds
 from plant.checkup.score import SETTINGS as SCORE
 from plant.checkup.score import Experiment
 from plant.checkup.sizes import common_step
-from plant.checkup.stamps import chance_of_period, unit_of_time
+from plant.checkup.stamps import another_period, unit_of_time
 from plant.checkup.undo import counted_edges, counted_in_steps, other_resolution
 from plant.parts import frozen_settings
 
@@ -139,5 +139,5 @@ def time_unit_evidence(experiment: Experiment, joints: Joints) -> Iterator[tuple
 def period_evidence(experiment: Experiment, joints: Joints) -> Iterator[tuple[float, float]]:
     """Log odds of another period of the rig, by the median interval of the stamps."""
     ratio = _interval_ratio(experiment)
-    if 1e-3 + chance_of_period(experiment.signals) < abs(np.log(ratio)) < 3:
+    if another_period(experiment.signals, ratio) and abs(np.log(ratio)) < 3:
         yield float(ratio), abs(float(np.log(ratio))) * 1e3 * SETTINGS.per_e_fold

@@ -105,6 +105,11 @@ def unit_of_time(ratio: float) -> float:
     return float(1e3 ** round(thousands)) if near else 1.0
 
 
+def another_period(signals: Signals, ratio: float) -> bool:
+    """Whether intervals are so many times a period by more than chance, and than a thousandth."""
+    return bool(abs(np.log(ratio)) > 1e-3 + chance_of_period(signals))
+
+
 def chance_of_period(signals: Signals) -> float:
     """Relative error of the median interval that scattered stamps cause."""
     steps = np.diff(signals.record.t) / signals.interval
