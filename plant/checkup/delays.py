@@ -5,11 +5,15 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from plant.checkup.along_log import at_times, sample_times
+from plant.checkup.along_log import at_times, sample_times, steps_of_torque
+from plant.checkup.filtered import centred
 from plant.checkup.hypothesis import Joints, columns_of
+from plant.checkup.law_motion import driven_by_law
 from plant.checkup.score import SETTINGS as SCORE
 from plant.checkup.score import Experiment
+from plant.checkup.sizes import regressed
 from plant.checkup.torque_regression import TorqueRegression, least_squares
+from plant.checkup.undo import counts_in_time, reference_in_time
 from plant.laws import block_of
 from plant.parts import Floats, frozen_settings
 
@@ -27,11 +31,15 @@ class DelaySettings:
         temperature of the grease.
     least_lag : float
         Lag [samples] that a law leaves by what its model lacks.
+    apart : float
+        Mean square of the joints' delays beside their common one [standard deviations], below which
+        they are one.
     """
 
     unseen: float = 2.5
     viscous_spread: float = 0.5
     least_lag: float = 0.2
+    apart: float = 2.0
 
 
 SETTINGS = DelaySettings()
@@ -104,6 +112,36 @@ def _correlations(experiment):
     return np.transpose(columns)
 
 
+def reference_delays(experiment: Experiment, joints: Joints) -> tuple[float, ...]:
+    """Delays of references that are tried: that for which the law gives the logged torque best."""
+    delay = experiment.once(_reference_delay)
+    if delay is None:
+        return ()
+    nearest = float(np.round(np.median(delay[columns_of(joints)])))
+    # Its neighbours bound the search for the best size.
+    return (nearest - 1, nearest, nearest + 1) if nearest else ()
+
+
+def _reference_delay(experiment):
+    """Delay (n,) of the references [samples], by the torque that the law adds per sample.
+
+    None where no law tells the torque.
+    """
+    if experiment.torques_of_law is None:
+        return None
+    later = experiment.changed(reference_in_time(experiment.record, (), 1.0))
+    if experiment.has_memory:
+        # Noise of counts hides a delay in the steps from sample to sample.
+        (law, logged), (moved, _) = (
+            steps_of_torque(experiment.signals, each.torque_along, slow=True)
+            for each in (experiment, later)
+        )
+    else:
+        columns = experiment.commanded, experiment.signals.torque, later.commanded
+        law, logged, moved = map(centred, columns)
+    return regressed(logged - law, moved - law)
+
+
 class Delay(NamedTuple):
     """Estimates of a delay [samples] with their standard deviations, joint by joint (n,).
 
@@ -118,25 +156,52 @@ class Delay(NamedTuple):
 
 
 def delays(experiment: Experiment) -> Delay | None:
-    """Delays that the torque of a law without memory shows, where no torque is logged."""
-    signals = experiment.signals
-    if signals.torque is not None or experiment.commanded is None or not signals.long_enough:
+    """Delays that the torque of the stated law shows, where no torque is logged.
+
+    None where the law cannot be run along the log.
+    """
+    if experiment.signals.torque is not None or not experiment.signals.long_enough:
         return None
-    # The gain [N m/pulse] of a law without memory turns a shift of the counts into torque.
-    error = np.asarray(signals.reference) - signals.counts
-    gain = (error * experiment.commanded).sum(axis=0) / np.maximum((error**2).sum(axis=0), 1e-300)
-    angle = experiment.record.rig.encoder.to_angle(np.ones(experiment.n))
-    # Viscous friction [N m s/rad] that looks like a delay of one sample.
-    per_sample = np.abs(gain * signals.interval / angle)
+    found = _law_and_sample(experiment)
+    if found is None:
+        return None
+    signals, torque, per_sample = found
     columns = np.full((4, experiment.n), np.nan)
     stated = experiment.record.rig.drive.viscous
     for i in range(experiment.n):
-        fit = TorqueRegression.of(signals, experiment.commanded, i)
+        fit = TorqueRegression.of(signals, torque, i)
         if fit is not None and per_sample[i]:
             spread = np.hypot(fit.viscous_std, SETTINGS.viscous_spread * stated[i])
             speed = (fit.viscous - stated[i]) / per_sample[i]
             columns[:, i] = fit.delay, fit.delay_std, speed, spread / per_sample[i]
     return Delay(*columns)
+
+
+def _law_and_sample(experiment):
+    """Signals, the torque (M, n) of the law, and the viscous friction of a delay of one sample.
+
+    The friction (n,) [N m s/rad] is what looks like such a delay. None of a law that cannot be run.
+    """
+    signals = experiment.signals
+    if not experiment.has_memory:
+        if experiment.commanded is None:
+            return None
+        # The gain [N m/pulse] of a law without memory turns a shift of the counts into torque.
+        error = np.asarray(signals.reference) - signals.counts
+        gain = (error * experiment.commanded).sum(axis=0)
+        gain /= np.maximum((error**2).sum(axis=0), 1e-300)
+        angle = experiment.record.rig.encoder.to_angle(np.ones(experiment.n))
+        return signals, experiment.commanded, np.abs(gain * signals.interval / angle)
+    if feeds_forward(experiment):
+        return None
+    stated = experiment.once(driven_by_law)
+    late = experiment.changed(counts_in_time(experiment.record, (), -1.0)).once(driven_by_law)
+    if stated is None or late is None:
+        return None
+    signals, torque = stated.signals, np.asarray(stated.signals.torque)
+    added = np.asarray(late.signals.torque) - torque
+    fits = [TorqueRegression.of(signals, added, i) for i in range(experiment.n)]
+    return signals, torque, np.array([0.0 if fit is None else abs(fit.viscous) for fit in fits])
 
 
 def delay_evidence(experiment: Experiment, joints: Joints) -> Any:
@@ -147,7 +212,7 @@ def delay_evidence(experiment: Experiment, joints: Joints) -> Any:
     logged = experiment.signals.torque is not None
     if experiment.signals.reference is None:
         return None if logged else ()
-    if experiment.has_memory:
+    if experiment.has_memory and (logged or feeds_forward(experiment)):
         return _lag_evidence(experiment, joints) or (None if logged else ())
     if logged:
         return None
@@ -155,6 +220,8 @@ def delay_evidence(experiment: Experiment, joints: Joints) -> Any:
     if delay is None:
         return ()
     chosen = columns_of(joints)
+    if experiment.has_memory:
+        return _delay_of_all(delay) if not joints else ()
     jerk, jerk_std = delay.by_jerk[chosen], delay.jerk_std[chosen]
     values = np.concatenate([jerk, delay.by_speed[chosen]])
     stds = np.concatenate([jerk_std, delay.speed_std[chosen]])
@@ -163,6 +230,29 @@ def delay_evidence(experiment: Experiment, joints: Joints) -> Any:
         if np.nansum((jerk**2 - (jerk - value) ** 2) / jerk_std**2) > 0:
             return ((value, gain),)
     return ()
+
+
+def reference_delay_evidence(experiment: Experiment, joints: Joints) -> Any:
+    """Log odds of late references; None if torque is logged, because the score then shows them.
+
+    Without a torque, a reference that is late looks like counts that are early.
+    """
+    if experiment.signals.torque is not None:
+        return None
+    return tuple((-size, odds) for size, odds in delay_evidence(experiment, joints) or ())
+
+
+def _delay_of_all(delay):
+    """The delay that several joints share by their friction, with its log odds.
+
+    A derivative answers the noise of counts, so that the jerk shows no delay. One joint's friction
+    may be another than the stated one; several joints have one delay by a delay alone.
+    """
+    stds = delay.speed_std
+    for value, gain in _common(delay.by_speed, stds):
+        apart = np.nansum(((delay.by_speed - value) / stds) ** 2)
+        if apart < SETTINGS.apart * np.isfinite(delay.by_speed).sum():
+            yield value, gain
 
 
 def _common(values, stds):

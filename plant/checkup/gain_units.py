@@ -1,32 +1,33 @@
 """Gains of a law in another unit, as the law shows that is run along the log.
 
-A law is linear in each of its gains. It is run along the counts of the log as stated, and once more
-with each gain doubled: the differences are the parts that a factor of the gain multiplies.
-
-With a logged torque, both are compared, smoothed. Without one, the stated law's torque has to drive
-the motion with an inertia and with friction that a motor can have; the score says how much likelier
-it does so with the gain in another unit.
+With a logged torque, both torques are compared, smoothed. Without one, the stated law's torque has
+to drive the motion with an inertia and with friction that a motor can have; the score says how much
+likelier it does so with the gain in another unit.
 """
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from plant.checkup.along_log import SETTINGS as ALONG_LOG
 from plant.checkup.along_log import (
     comparable_torques,
     driven,
-    sample_times,
-    torque_along,
 )
 from plant.checkup.hypothesis import Joints, columns_of
+from plant.checkup.law_motion import driven_without_limit
+from plant.checkup.law_parts import (
+    LawTorque,
+    gains_of,
+    law_torque,
+    other_gains,
+    reads_the_log,
+)
 from plant.checkup.score import SETTINGS as SCORE
 from plant.checkup.score import Experiment
 from plant.checkup.sizes import regressed, unlimited_steps
 from plant.checkup.torque_evidence import by_friction
-from plant.laws import PD, Cascade, P
 from plant.parts import Floats
 
 
@@ -90,7 +91,7 @@ _TIMES = (
 )
 _TORQUES = (Unit("N m and mN m", lambda rig: 1e3),)
 
-GAINS: dict[str, tuple[tuple[Unit, ...], str]] = {
+UNITS: dict[str, tuple[tuple[Unit, ...], str]] = {
     "gain": (_ANGLES + _TORQUES, "N m/pulse of the motor"),
     "derivative": (_ANGLES + _TIMES, "N m s/pulse of the motor"),
     "integral": (_ANGLES + _TIMES, "N m/(pulse s) of the motor, of a cascade in N m/pulse"),
@@ -101,80 +102,12 @@ GAINS: dict[str, tuple[tuple[Unit, ...], str]] = {
 """Gains of laws, the units that are mistaken for theirs, and their own."""
 
 
-def _names(law: Any, gain: str) -> tuple[str, ...]:
-    """Fields of a law that a gain of this name stands for; none of other laws.
-
-    The gain of the error stands for all of them where a unit of torque, or of angle, is wrong:
-    "gains".
-    """
-    if not isinstance(law, (P, PD, Cascade)):
-        return ()
-    names = tuple(name for name in GAINS if hasattr(law, name))
-    if gain != "gains":
-        return (gain,) if gain in names else ()
-    # The position gain of a cascade makes a speed, no torque.
-    together = tuple(name for name in names if name != "position")
-    return together if len(together) > 1 else ()
-
-
-def other_gains(gain: str) -> Callable[..., Any]:
-    """Divide a gain of the law, or all "gains", by a factor."""
-
-    def undo(record, joints, size):
-        names = _names(record.law, gain)
-        if not names:
-            raise ValueError(f"the law must have the gain {gain}; it has none. Name another.")
-        return replace(record, law=_scaled(record.law, names, joints, 1 / size))
-
-    return undo
-
-
-def _scaled(law, names, joints, factor):
-    """The law with these gains multiplied, of these joints, or of all where there are none."""
-
-    def changed(gains):
-        factors = np.ones(len(gains))
-        factors[columns_of(joints)] = factor
-        return factors * gains
-
-    return replace(law, **{name: changed(getattr(law, name)) for name in names})
-
-
-class LawTorque(NamedTuple):
-    """Motor torque of the stated law along the log (K, n), and the part of each gain in it."""
-
-    torque: Floats
-    parts: dict[str, Floats]
-
-
-def _along_log(experiment: Experiment) -> LawTorque | None:
-    """The stated law along the log, without limits, which a wrong gain would reach at once."""
-    law, rig = experiment.record.law, experiment.record.rig
-    names = [gain for gain in GAINS if hasattr(law, gain) and _names(law, gain)]
-    if not names:
-        return None
-    if hasattr(law, "anti_windup"):
-        law = replace(law, anti_windup="none")
-    drive = replace(rig.drive, current_limit=np.full(rig.n, np.inf))
-    rig = replace(rig, drive=drive)
-
-    def torque(law):
-        joint = torque_along(experiment.signals, law, rig)
-        return None if joint is None else drive.motor_torque(joint)
-
-    stated = torque(law)
-    if stated is None:
-        return None
-    parts = {name: torque(_scaled(law, (name,), (), 2.0)) - stated for name in names}
-    return LawTorque(stated, parts)
-
-
 def gain_sizes(gain: str) -> Callable[..., tuple[float, ...]]:
     """Sizes of a mistake in one of several gains, by the part that it makes of the torque."""
 
     def sizes(experiment: Experiment, joints: Joints) -> tuple[float, ...]:
         law = experiment.record.law
-        if not _names(law, gain) or not _names(law, "gains") or not reads_the_log(experiment):
+        if not gains_of(law, gain) or not gains_of(law, "gains") or not reads_the_log(experiment):
             return ()
         factors = experiment.once(_factors_of_gains)
         if factors is None or gain not in factors:
@@ -185,20 +118,9 @@ def gain_sizes(gain: str) -> Callable[..., tuple[float, ...]]:
     return sizes
 
 
-def reads_the_log(experiment: Experiment) -> bool:
-    """Whether a torque is logged, and the law reads the log's counts and no others.
-
-    Between the rows of the log a faster law responds to counts that the log does not have.
-    """
-    law, interval = experiment.record.law, experiment.signals.interval
-    if experiment.torques_of_law is None or not law.period:
-        return False
-    return bool(interval < ALONG_LOG.period * law.period)
-
-
 def _factors_of_gains(experiment):
     """Factors (n,) of each gain that bring the law's torque nearest to the logged one, by steps."""
-    along = experiment.once(_along_log)
+    along = experiment.once(law_torque)
     if along is None:
         return None
     joint = experiment.record.rig.drive.joint_torque(along.torque)
@@ -213,7 +135,7 @@ def unit_evidence(gain: str, unit: Unit) -> Callable[..., Iterator[tuple[float, 
     """Evidence of a gain in another unit: sizes [times the right gain] with their log odds."""
 
     def evidence(experiment: Experiment, joints: Joints) -> Iterator[tuple[float, float]]:
-        if not _names(experiment.record.law, gain):
+        if not gains_of(experiment.record.law, gain):
             return
         ratios = np.broadcast_to(unit.ratio(experiment.record.rig), experiment.n)
         ratio = ratios[columns_of(joints)]
@@ -230,21 +152,13 @@ def unit_evidence(gain: str, unit: Unit) -> Callable[..., Iterator[tuple[float, 
 
 def _dominates(experiment, gain, joints):
     """Whether a gain makes most of the law's torque, as one does that is many times too large."""
-    along = experiment.once(_along_log)
+    along = experiment.once(law_torque)
     if gain == "gains" or along is None:
         return True
     part = along.parts[gain]
     rest = along.torque - part
     squares = (np.square(torque[:, columns_of(joints)]).sum() for torque in (part, rest))
     return bool(np.greater(*squares))
-
-
-def _without(along, gain, joints, size):
-    """Torque (K, n) of the law without a mistake of this size."""
-    part = along.torque if gain == "gains" else along.parts[gain]
-    change = np.zeros(part.shape[1])
-    change[columns_of(joints)] = 1 / size - 1
-    return along.torque + change * part
 
 
 # -- with a logged torque --------------------------------------------------------------------------
@@ -257,8 +171,8 @@ def _by_torque(experiment: Experiment, gain: str, joints: Joints, size: float) -
         _unexplained(compared.logged, torque)
         for torque in (
             compared.law.torque,
-            _without(compared.law, gain, joints, size),
-            _without(compared.law, gain, joints, np.inf),
+            compared.law.without(gain, joints, size),
+            compared.law.without(gain, joints, np.inf),
         )
     )
     # A law that explains the torque has nothing in another unit. A factor that is no unit leaves as
@@ -293,7 +207,7 @@ def _smoothed_torques(experiment):
 
     An integral begins at an unknown value, and fast hardware answers each count between samples.
     """
-    along = experiment.once(_along_log)
+    along = experiment.once(law_torque)
     if along is None:
         return None
     signals = experiment.signals
@@ -322,29 +236,13 @@ def _unexplained(logged, torque):
 
 
 # -- without one -----------------------------------------------------------------------------------
-def _with_torque_of_law(experiment: Experiment) -> Experiment | None:
-    """The beginning of the log with the stated law's torque as the logged one.
-
-    None where the log is too short.
-    """
-    along = experiment.once(_along_log)
-    if along is None:
-        return None
-    signals = experiment.signals
-    times = sample_times(signals, len(along.torque))
-    # A filter of the law begins at rest: its first samples are another motion's.
-    record = experiment.record.cut(times[signals.window], times[-1])
-    stated = Experiment(driven(record, signals, along.torque))
-    return stated if stated.long_enough and stated.motions is not None else None
-
-
 def _plausible(stated: Experiment, law: Any, gain: str, joints: Joints) -> bool:
     """Whether the law's torque drives these joints, or any of all, as it drives a motor."""
     motions = stated.motions
     if motions is None or any(motion.unexplained >= SETTINGS.unmoved for motion in motions):
         return False
     # One of several gains in another unit gives a torque that no inertia explains.
-    if _names(law, "gains") and gain != "gains":
+    if gains_of(law, "gains") and gain != "gains":
         return True
     rotors = np.maximum(stated.record.rig.drive.motor_inertia, np.finfo(float).tiny)
     least, largest = SETTINGS.least_inertia * rotors, SETTINGS.inertia * rotors
@@ -356,11 +254,11 @@ def _plausible(stated: Experiment, law: Any, gain: str, joints: Joints) -> bool:
 
 def _by_motion(experiment: Experiment, gain: str, joints: Joints, size: float) -> float:
     """How much likelier the motion is with the law's torque without a mistake of this size."""
-    stated = experiment.once(_with_torque_of_law)
+    stated = experiment.once(driven_without_limit)
     if stated is None or _plausible(stated, experiment.record.law, gain, joints):
         return -np.inf
-    along = experiment.once(_along_log)
-    torque = _without(along, gain, joints, size)
+    along = experiment.once(law_torque)
+    torque = along.without(gain, joints, size)
     corrected = stated.changed(driven(stated.record, experiment.signals, torque))
     # A factor that is no unit's gives a motor that cannot be, either.
     if not _plausible(corrected, experiment.record.law, "gains", joints):

@@ -12,8 +12,8 @@ import numpy as np
 from plant.checkup.along_log import comparable_torques
 from plant.checkup.filtered import centred
 from plant.checkup.gain_units import SETTINGS as UNITS
-from plant.checkup.gain_units import other_gains, reads_the_log
 from plant.checkup.hypothesis import Joints, columns_of
+from plant.checkup.law_parts import other_gains, reads_the_log
 from plant.checkup.score import SETTINGS as SCORE
 from plant.checkup.score import Experiment, shares
 from plant.checkup.sizes import regressed

@@ -8,12 +8,12 @@ import numpy as np
 from plant.checkup.delays import delays
 from plant.checkup.filtered import centred
 from plant.checkup.hypothesis import Joints
+from plant.checkup.law_motion import driven_by_law, likelier_motion
 from plant.checkup.score import SETTINGS as SCORE
 from plant.checkup.score import Experiment
 from plant.checkup.sizes import friction_ratios, regressed
 from plant.checkup.torque_regression import SETTINGS as REGRESSION
 from plant.checkup.undo import as_commanded, gains_in_ampere, with_gravity
-from plant.checkup.zeros import driven_by_law
 from plant.parts import frozen_settings
 
 
@@ -52,7 +52,7 @@ def by_friction(experiment: Experiment, record: Any) -> float:
     """How much likelier a log is with other gains, by its score and by its viscous friction."""
     changed = experiment.changed(record)
     before, after = experiment.once(delays), delays(changed)
-    gain = changed.score - experiment.score
+    gain = likelier_motion(experiment, record)
     # Viscous friction alone is a parameter; gains change inertia and Coulomb friction, too.
     if before is not None and after is not None and gain > 0:
         friction = (each.by_speed / each.speed_std for each in (before, after))

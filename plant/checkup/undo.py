@@ -490,6 +490,12 @@ def counts_in_time(record: Any, joints: Joints, samples: float) -> Any:
     return with_counts(record, table)
 
 
+def reference_in_time(record: Any, joints: Joints, samples: float) -> Any:
+    """Read the references so many samples later."""
+    _needs_reference(record)
+    return with_reference(record, _moved(record.reference_pulses, joints, samples))
+
+
 def torques_in_time(record: Any, joints: Joints, samples: float) -> Any:
     """Read the torques so many samples later."""
     return with_torques(record, lambda torque: _moved(torque, joints, samples))
@@ -519,6 +525,11 @@ def lower_limit(record: Any, joints: Joints, size: float) -> Any:
     """Lower the amplifier's limit to a share of the stated one."""
     if record.torque is None and record.current is None:
         raise ValueError("the record must have a torque; it has none. Log one.")
+    return other_limit(record, joints, size)
+
+
+def other_limit(record: Any, joints: Joints, size: float) -> Any:
+    """Multiply the amplifier's stated limit."""
     limit = record.rig.drive.current_limit * _factors(record, joints, size)
     return with_drive(record, current_limit=limit)
 

@@ -208,7 +208,7 @@ def _delay(experiment, i):
         # With a torque the score sees the phase of counts and torque, which is the sharpest
         # measure.
         value, std = _delay_by_score(experiment, i)
-    elif (delay := experiment.once(delays)) is not None:
+    elif not experiment.has_memory and (delay := experiment.once(delays)) is not None:
         if (ratio := _friction(experiment, i, "viscous")) is not None and ratio > _OTHER_UNIT:
             return _other_viscous(experiment, i, ratio)
         value, std = delay.by_jerk[i], delay.jerk_std[i]

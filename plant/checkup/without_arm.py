@@ -19,14 +19,24 @@ from plant.checkup.counts_evidence import (
     steps_evidence,
     time_unit_evidence,
 )
-from plant.checkup.delays import DELAYS, delay_evidence, delay_sizes, torque_delays
-from plant.checkup.gain_units import GAINS, gain_sizes, other_gains, unit_evidence
-from plant.checkup.hypothesis import Hypothesis, Joints, each_joint, pairs
-from plant.checkup.integrals import (
-    integral_evidence,
-    lacking_integral_evidence,
-    no_integral_evidence,
+from plant.checkup.delays import (
+    DELAYS,
+    delay_evidence,
+    delay_sizes,
+    reference_delay_evidence,
+    reference_delays,
+    torque_delays,
 )
+from plant.checkup.gain_units import UNITS, gain_sizes, unit_evidence
+from plant.checkup.gains_by_motion import (
+    all_gains,
+    all_gains_evidence,
+    limit_evidence,
+    single_gain_evidence,
+)
+from plant.checkup.hypothesis import Hypothesis, Joints, each_joint, pairs
+from plant.checkup.integrals import lacking_integral_evidence, no_integral_evidence
+from plant.checkup.law_parts import GAINS, other_gains
 from plant.checkup.sizes import (
     command_ratios,
     friction_ratios,
@@ -56,11 +66,13 @@ from plant.checkup.undo import (
     lower_limit,
     other_friction,
     other_gain,
+    other_limit,
     other_period,
     other_resolution,
     other_rounding,
     other_time_unit,
     rated_torque,
+    reference_in_time,
     rescaled_torque,
     scaled_both,
     scaled_counts,
@@ -442,7 +454,7 @@ def _statements() -> Iterator[Hypothesis[Any]]:
 
 def _gain_units() -> Iterator[Hypothesis[Any]]:
     """Yield the rows: a gain of the law, or all alike, in another unit."""
-    for gain, (units, own) in GAINS.items():
+    for gain, (units, own) in UNITS.items():
         for unit in units:
             for scope in (each_joint, several):
                 whose = "{joint}" if scope is each_joint else "all joints"
@@ -467,9 +479,8 @@ def _single_gains() -> Iterator[Hypothesis[Any]]:
     """Yield the rows: one gain of a law that has several, of one joint or of all alike."""
     for scope in (each_joint, several):
         whose = "{joint}" if scope is each_joint else "all joints"
-        for gain in (name for name in GAINS if name != "gains"):
+        for gain in GAINS:
             words = gain if gain == "gain" else f"{gain} gain"
-            by_level = integral_evidence if gain == "integral" else None
             yield Hypothesis(
                 name=f"{words} alone",
                 check="units of gains",
@@ -479,10 +490,22 @@ def _single_gains() -> Iterator[Hypothesis[Any]]:
                 measurement=_BLOCKED,
                 scope=scope,
                 suggested=gain_sizes(gain),
-                evidence=by_level,
+                evidence=single_gain_evidence(gain),
                 scored=gain == "integral",
                 tolerance=0.3,
             )
+        yield Hypothesis(
+            name="all gains",
+            check="units of gains",
+            sentence=f"The law's torque of {whose} is {{value:.3g}} times what drives the motion"
+            " with the stated friction",
+            remedy="Correct the gains, or the stated friction.",
+            undo=all_gains,
+            measurement=_BLOCKED,
+            scope=scope,
+            evidence=all_gains_evidence,
+            against=8.0,
+        )
         yield Hypothesis(
             name="no integral",
             check="units of gains",
@@ -576,6 +599,22 @@ def _sizes() -> Iterator[Hypothesis[Any]]:
             unit="samples",
         )
         yield Hypothesis(
+            name="late references",
+            check="delay",
+            sentence=f"The references of {whose} are {{shift}}",
+            remedy="Shift them.",
+            # Encoders and drives are late more often than what the controller itself computes.
+            against=6.5 if alone else 6.0,
+            undo=reference_in_time,
+            measurement=_STEP,
+            scope=scope,
+            suggested=reference_delays,
+            evidence=reference_delay_evidence,
+            tolerance=2.0,
+            whole=True,
+            unit="samples",
+        )
+        yield Hypothesis(
             name="late torques",
             check="delay",
             sentence=f"The torques of {whose} are {{shift}}",
@@ -603,6 +642,16 @@ def _stated() -> Iterator[Hypothesis[Any]]:
         measurement="Block a motor, and command more than its limit.",
         scope=each_joint,
         suggested=used_limits,
+    )
+    yield Hypothesis(
+        name="limit below the torque",
+        check="clipped torque",
+        sentence="The motion of {joint} took {value:.3g} times the stated limit of its amplifier",
+        remedy="State the limit, or correct the gains.",
+        undo=other_limit,
+        measurement="Block a motor, and command more than its limit.",
+        scope=each_joint,
+        evidence=limit_evidence,
     )
     for name in ("coulomb", "viscous"):
         title = f"{name.capitalize()} friction"

@@ -5,8 +5,8 @@ from typing import Any
 
 import numpy as np
 
-from plant.checkup.along_log import driven, sample_times
 from plant.checkup.hypothesis import Joints, columns_of
+from plant.checkup.law_motion import driven_by_law, unexplained
 from plant.checkup.score import SETTINGS as SCORE
 from plant.checkup.score import Experiment
 from plant.checkup.undo import shifted_reference
@@ -74,24 +74,7 @@ def _by_torque_of_law(experiment: Experiment, joints: Joints) -> Iterator[tuple[
         odds = changed.score - experiment.score if explained else 0.0
         stated, corrected = (each.once(driven_by_law) for each in (experiment, changed))
         if stated is not None and corrected is not None:
-            before, after = (_unexplained(each)[chosen].max() for each in (stated, corrected))
+            before, after = (unexplained(each)[chosen].max() for each in (stated, corrected))
             if before > SCORE.unlike and after < SCORE.like:
                 odds = max(odds, corrected.score - stated.score)
         yield size, odds
-
-
-def driven_by_law(experiment: Experiment) -> Experiment | None:
-    """The log with the torque of its law as the logged one; None where it cannot be run."""
-    along = experiment.torque_along
-    if along is None:
-        return None
-    torque = experiment.record.rig.drive.motor_torque(along)
-    times = sample_times(experiment.signals, len(torque))
-    # A filter of the law begins at rest: its first samples are another motion's.
-    record = experiment.record.cut(times[experiment.signals.window], times[-1])
-    by_law = Experiment(driven(record, experiment.signals, torque))
-    return by_law if by_law.long_enough and by_law.motions is not None else None
-
-
-def _unexplained(experiment):
-    return np.array([motion.unexplained for motion in experiment.motions])

@@ -97,7 +97,7 @@ def test_a_loop_that_its_gears_make_unstable_swings_at_its_pole():
     ("bandwidth", "machine", "soft"),
     [
         (90.0, {"hertz": 40.0}, True),
-        (150.0, {"play": 0.006, "hertz": 300.0}, True),
+        (160.0, {"play": 0.006, "hertz": 300.0}, True),
         (100.0, {"delay": 6.0}, False),
     ],
     ids=["elastic", "backlash", "late loop"],

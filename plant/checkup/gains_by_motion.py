@@ -1,0 +1,171 @@
+"""Gains of a law, and limits of its amplifiers, in a log without a torque.
+
+The law's torque has to drive the motion. A gain is examined by the part that it makes of the
+torque: the motion explains the right sum of the parts, and no other. The scale of the whole torque
+follows from the friction that the drive states.
+"""
+
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from plant.checkup.along_log import driven
+from plant.checkup.filtered import centred
+from plant.checkup.hypothesis import Joints, columns_of
+from plant.checkup.integrals import integral_evidence
+from plant.checkup.law_motion import (
+    driven_by_law,
+    driven_without_limit,
+    likelier_motion,
+    unexplained,
+)
+from plant.checkup.law_parts import gains_of, law_torque, other_gains
+from plant.checkup.motor_equation import RIDGE, Equation
+from plant.checkup.score import SETTINGS as SCORE
+from plant.checkup.score import Experiment
+from plant.checkup.undo import other_limit
+from plant.parts import Floats
+
+
+@dataclass(frozen=True, kw_only=True)
+class MotionSettings:
+    """When a motion shows a gain or a limit; chosen by hand.
+
+    Parameters
+    ----------
+    significant : float
+        Standard deviations from which on an estimated friction shows a scale of the torque.
+    alike : float
+        Largest ratio of two frictions' scales that are one: friction is stated half to twice.
+    unmoved : float
+        Share of the torque of the stated law that the motion leaves unexplained, below which no
+        single gain is examined.
+    explained : float
+        Part of that share below which a corrected gain must bring it.
+    """
+
+    significant: float = 4.0
+    alike: float = 4.0
+    unmoved: float = 2e-3
+    explained: float = 0.5
+
+
+SETTINGS = MotionSettings()
+
+
+def single_gain_evidence(gain: str) -> Callable[..., Iterable[tuple[float, float]] | None]:
+    """Evidence of one gain of several: by the motion where no torque is logged."""
+
+    def evidence(experiment: Experiment, joints: Joints) -> Any:
+        if experiment.signals.torque is not None:
+            return integral_evidence(experiment, joints) if gain == "integral" else None
+        return _by_motion(experiment, joints, gain)
+
+    return evidence
+
+
+def _by_motion(experiment: Experiment, joints: Joints, gain: str) -> Iterator[tuple[float, float]]:
+    """Yield the size of a mistake in one gain, and its log odds by the motion."""
+    law = experiment.record.law
+    if not gains_of(law, gain) or not gains_of(law, "gains"):
+        return
+    chosen = columns_of(joints)
+    stated = experiment.once(driven_without_limit)
+    # Friction and inertia alone show no single gain.
+    if stated is None or not (unexplained(stated)[chosen] > SETTINGS.unmoved).any():
+        return
+    factor = float(np.median(experiment.once(_factors)[gain][chosen]))
+    if not np.isfinite(factor) or factor <= 0:
+        return
+    record = other_gains(gain)(experiment.record, joints, 1 / factor)
+    corrected = experiment.changed(record).once(driven_without_limit)
+    if corrected is None:
+        return
+    before, after = (unexplained(each)[chosen].sum() for each in (stated, corrected))
+    if after < SETTINGS.explained * before:
+        yield 1 / factor, likelier_motion(experiment, record)
+
+
+def _factors(experiment: Experiment) -> dict[str, Floats]:
+    """Factors (n,) of each gain for which the motion explains most of the law's torque."""
+    along = experiment.once(law_torque)
+    stated = experiment.once(driven_without_limit)
+    if along is None or stated is None:
+        return {}
+    equations = stated.equations_of_motion
+
+    def factors(part):
+        by_part = stated.changed(driven(stated.record, experiment.signals, part))
+        columns = (by_part.filtered("torque", i).value for i in range(experiment.n))
+        return np.array([1 + _share(*each) for each in zip(equations, columns, strict=True)])
+
+    return {name: factors(part) for name, part in along.parts.items()}
+
+
+def _share(equation: Equation, part: Floats) -> float:
+    """The share of a part that a torque lacks: with it, the motion leaves the least unexplained."""
+    # It is slow to import.
+    from scipy.linalg import eigh
+
+    columns = np.column_stack([equation.own, equation.free])
+    torques = np.column_stack([centred(equation.torque), centred(part)])
+    size = np.linalg.norm(torques, axis=0)
+    if not size.all():
+        return np.nan
+    torques /= size
+    rest = torques - columns @ np.linalg.lstsq(columns, torques, rcond=None)[0]
+    # A sum of both whose rest is small beside the sum itself.
+    _, sums = eigh(rest.T @ rest, torques.T @ torques + RIDGE * np.eye(2))
+    whole, added = sums[:, 0] / size
+    return float(added / whole)
+
+
+def all_gains_evidence(experiment: Experiment, joints: Joints) -> Iterator[tuple[float, float]]:
+    """Log odds of gains that are all wrong by a factor, by friction and by the least inertia."""
+    gain = "gains" if gains_of(experiment.record.law, "gains") else "gain"
+    if experiment.signals.torque is not None or not gains_of(experiment.record.law, gain):
+        return
+    stated = experiment.once(driven_without_limit)
+    if stated is None:
+        return
+    drive = experiment.record.rig.drive
+    ratios = [
+        getattr(motion, name) / getattr(drive, name)[i]
+        for i, motion in enumerate(stated.motions or ())
+        for name in ("coulomb", "viscous")
+        if not joints or i in joints
+        if getattr(drive, name)[i]
+        if getattr(motion, name) > SETTINGS.significant * getattr(motion, f"{name}_std")
+    ]
+    if ratios and max(ratios) < SETTINGS.alike * min(ratios):
+        factor = float(np.exp(np.median(np.log(ratios))))
+        record = other_gains(gain)(experiment.record, joints, factor)
+        yield factor, likelier_motion(experiment, record)
+
+
+def all_gains(record: Any, joints: Joints, size: float) -> Any:
+    """Divide all gains that make a torque by a factor."""
+    gain = "gains" if gains_of(record.law, "gains") else "gain"
+    return other_gains(gain)(record, joints, size)
+
+
+def limit_evidence(experiment: Experiment, joints: Joints) -> Iterator[tuple[float, float]]:
+    """Log odds of a limit that is stated too low: the motion had the torque beyond it."""
+    if experiment.signals.torque is not None:
+        return
+    along = experiment.once(law_torque)
+    if along is None:
+        return
+    drive = experiment.record.rig.drive
+    shares = np.abs(along.torque).max(axis=0) / (drive.motor_gain * drive.current_limit)
+    used = float(shares[columns_of(joints)].max())
+    if not used > 1:
+        return
+    record = other_limit(experiment.record, joints, used)
+    changed = experiment.changed(record)
+    corrected = changed.once(driven_by_law)
+    if corrected is None or (unexplained(corrected)[columns_of(joints)] > SCORE.like).any():
+        return
+    yield used, likelier_motion(experiment, record)
