@@ -1,6 +1,6 @@
 """Counts and torques that are late: delays that are tried, and the evidence for one."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -162,7 +162,7 @@ def delays(experiment: Experiment) -> Delay | None:
     """
     if experiment.signals.torque is not None or not experiment.signals.long_enough:
         return None
-    found = _law_and_sample(experiment)
+    found = experiment.once(_law_and_sample)
     if found is None:
         return None
     signals, torque, per_sample = found
@@ -199,9 +199,29 @@ def _law_and_sample(experiment):
     if stated is None or late is None:
         return None
     signals, torque = stated.signals, np.asarray(stated.signals.torque)
-    added = np.asarray(late.signals.torque) - torque
-    fits = [TorqueRegression.of(signals, added, i) for i in range(experiment.n)]
-    return signals, torque, np.array([0.0 if fit is None else abs(fit.viscous) for fit in fits])
+    per_sample = _viscous(signals, np.asarray(late.signals.torque) - torque)
+    return signals, torque, np.abs(per_sample)
+
+
+def _viscous(signals, torque):
+    """Viscous friction (n,) [N m s/rad] that a torque (M, n) looks like; 0 where it is none."""
+    fits = [TorqueRegression.of(signals, torque, i) for i in range(signals.n)]
+    return np.array([0.0 if fit is None else fit.viscous for fit in fits])
+
+
+def shares_by_friction(experiment: Experiment, part: Floats) -> Iterator[tuple[float, float]]:
+    """Yield the share of a part of the law's torque that is too much, with its log odds.
+
+    `part` (M, n): motor torque of a log that `driven_by_law` drives. Several joints have one share
+    that leaves each the stated viscous friction.
+    """
+    stated, delay = experiment.once(driven_by_law), experiment.once(delays)
+    found = experiment.once(_law_and_sample)
+    if stated is None or delay is None or found is None or experiment.n == 1:
+        return
+    with np.errstate(divide="ignore", invalid="ignore"):
+        samples = found[2] / _viscous(stated.signals, part)
+    yield from _of_all(samples * delay.by_speed, np.abs(samples) * delay.speed_std)
 
 
 def delay_evidence(experiment: Experiment, joints: Joints) -> Any:
@@ -221,7 +241,9 @@ def delay_evidence(experiment: Experiment, joints: Joints) -> Any:
         return ()
     chosen = columns_of(joints)
     if experiment.has_memory:
-        return _delay_of_all(delay) if not joints else ()
+        common = () if joints else _of_all(delay.by_speed, delay.speed_std)
+        # Speeds are smoothed over a window; what looks like a longer delay has another cause.
+        return tuple(each for each in common if abs(each[0]) <= experiment.signals.window)
     jerk, jerk_std = delay.by_jerk[chosen], delay.jerk_std[chosen]
     values = np.concatenate([jerk, delay.by_speed[chosen]])
     stds = np.concatenate([jerk_std, delay.speed_std[chosen]])
@@ -242,16 +264,15 @@ def reference_delay_evidence(experiment: Experiment, joints: Joints) -> Any:
     return tuple((-size, odds) for size, odds in delay_evidence(experiment, joints) or ())
 
 
-def _delay_of_all(delay):
-    """The delay that several joints share by their friction, with its log odds.
+def _of_all(values, stds):
+    """The size that several joints share by their friction, with its log odds.
 
-    A derivative answers the noise of counts, so that the jerk shows no delay. One joint's friction
-    may be another than the stated one; several joints have one delay by a delay alone.
+    One joint's friction may be another than the stated one; several joints have one size by one
+    cause alone. A derivative answers the noise of counts, so that the jerk shows no delay.
     """
-    stds = delay.speed_std
-    for value, gain in _common(delay.by_speed, stds):
-        apart = np.nansum(((delay.by_speed - value) / stds) ** 2)
-        if apart < SETTINGS.apart * np.isfinite(delay.by_speed).sum():
+    for value, gain in _common(values, stds):
+        apart = np.nansum(((values - value) / stds) ** 2)
+        if apart < SETTINGS.apart * np.isfinite(values).sum():
             yield value, gain
 
 

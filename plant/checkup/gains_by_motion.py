@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from plant.checkup.along_log import driven
+from plant.checkup.delays import shares_by_friction
 from plant.checkup.filtered import centred
 from plant.checkup.hypothesis import Joints, columns_of
 from plant.checkup.integrals import integral_evidence
@@ -44,12 +45,15 @@ class MotionSettings:
         single gain is examined.
     explained : float
         Part of that share below which a corrected gain must bring it.
+    beyond : float
+        Factor from which on no limit is stated too low: the torque is that of other gains.
     """
 
     significant: float = 4.0
     alike: float = 4.0
     unmoved: float = 2e-3
     explained: float = 0.5
+    beyond: float = 10.0
 
 
 SETTINGS = MotionSettings()
@@ -71,6 +75,9 @@ def _by_motion(experiment: Experiment, joints: Joints, gain: str) -> Iterator[tu
     law = experiment.record.law
     if not gains_of(law, gain) or not gains_of(law, "gains"):
         return
+    # The speed that the position gain makes is nearly the joint's: friction shows it.
+    if gain == "position" and not joints:
+        yield from _position_by_friction(experiment)
     chosen = columns_of(joints)
     stated = experiment.once(driven_without_limit)
     # Friction and inertia alone show no single gain.
@@ -86,6 +93,18 @@ def _by_motion(experiment: Experiment, joints: Joints, gain: str) -> Iterator[tu
     before, after = (unexplained(each)[chosen].sum() for each in (stated, corrected))
     if after < SETTINGS.explained * before:
         yield 1 / factor, likelier_motion(experiment, record)
+
+
+def _position_by_friction(experiment: Experiment) -> Iterator[tuple[float, float]]:
+    """Yield how many times the right one the position gain of a cascade is, and its log odds."""
+    stated, along = experiment.once(driven_without_limit), experiment.once(law_torque)
+    if stated is None or along is None:
+        return
+    by_part = driven(stated.record, experiment.signals, along.parts["position"])
+    part = np.asarray(stated.changed(by_part).signals.torque)
+    for share, odds in shares_by_friction(experiment, part):
+        if share < 1:
+            yield 1 / (1 - share), odds
 
 
 def _factors(experiment: Experiment) -> dict[str, Floats]:
@@ -161,7 +180,7 @@ def limit_evidence(experiment: Experiment, joints: Joints) -> Iterator[tuple[flo
     drive = experiment.record.rig.drive
     shares = np.abs(along.torque).max(axis=0) / (drive.motor_gain * drive.current_limit)
     used = float(shares[columns_of(joints)].max())
-    if not used > 1:
+    if not 1 < used < SETTINGS.beyond:
         return
     record = other_limit(experiment.record, joints, used)
     changed = experiment.changed(record)

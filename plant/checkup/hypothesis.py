@@ -298,11 +298,11 @@ class Cause(Shown):
         if runner_up is None:
             return own
         following = _power(runner_up.log_odds)
-        # Two equal texts do not, so the share is given.
+        # Two equal texts do not: then it is said how much less likely the next one is.
         if following == own:
-            lead = runner_up.log_odds - self.log_odds
-            share = _power(lead) if lead < np.log(0.01) else f"{np.exp(lead):.1g}"
-            following = f"{share} of that"
+            lead = self.log_odds - runner_up.log_odds
+            near = lead < SELECTION.undecided
+            following = "nearly as likely" if near else f"less likely by {_power(lead)}"
         return f"{own}; next: {runner_up.name}, {following}"
 
     def _short(self) -> str:
@@ -410,20 +410,23 @@ def ranking(
     causes: list[Cause] = []
     experiments = [experiment]
     accepted: list[Hypothesis[Experiment]] = []
-    refined: set[tuple[str, Joints]] = set()
+    undone: set[tuple[str, Joints, float | None]] = set()
+
+    def mistake(candidate: Candidate) -> tuple[str, Joints, float | None]:
+        # A size that was refined is the likeliest one already: no other size is tried.
+        refined = candidate.hypothesis.tolerance is not None
+        return candidate.hypothesis.name, candidate.joints, None if refined else candidate.size
 
     def others(experiment: Experiment) -> Iterator[Candidate]:
-        # A size that was refined is the likeliest one already: the same mistake is not made twice.
+        # The same mistake is not made twice.
         for candidate in candidates(experiment):
-            if (candidate.hypothesis.name, candidate.joints) not in refined:
+            if mistake(candidate) not in undone:
                 yield candidate
 
     def accept(ranked: list[Candidate]) -> Experiment | None:
         causes.append(_cause(ranked, labels, settings))
-        best = ranked[0]
-        accepted.append(best.hypothesis)
-        if best.hypothesis.tolerance is not None:
-            refined.add((best.hypothesis.name, best.joints))
+        accepted.append(ranked[0].hypothesis)
+        undone.add(mistake(ranked[0]))
         # A rival is a parameter of the model: an identification must decide, so nothing is undone.
         if not causes[-1].certain:
             return None

@@ -50,9 +50,11 @@ def gains_evidence(experiment: Experiment, joints: Joints) -> Any:
 
 def by_friction(experiment: Experiment, record: Any) -> float:
     """How much likelier a log is with other gains, by its score and by its viscous friction."""
-    changed = experiment.changed(record)
-    before, after = experiment.once(delays), delays(changed)
     gain = likelier_motion(experiment, record)
+    # Late counts change the viscous friction of a law with memory as other gains do.
+    if experiment.has_memory:
+        return gain
+    before, after = experiment.once(delays), delays(experiment.changed(record))
     # Viscous friction alone is a parameter; gains change inertia and Coulomb friction, too.
     if before is not None and after is not None and gain > 0:
         friction = (each.by_speed / each.speed_std for each in (before, after))

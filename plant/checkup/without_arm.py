@@ -221,7 +221,7 @@ def _units_of_torque() -> Iterator[Hypothesis[Any]]:
         yield Hypothesis(
             name=f"{column} {unit}",
             check="units of torque",
-            sentence=f"The {column} may be {unit}",
+            sentence=f"The {column} is {unit}",
             remedy="State its unit, or convert it.",
             undo=scaled_torque(factor, column, of_shafts=of_motors),
             measurement=_LOAD,
@@ -265,7 +265,7 @@ def _kinds_of_torque() -> Iterator[Hypothesis[Any]]:
     yield Hypothesis(
         name="torque per mille of the rated one",
         check="units of torque",
-        sentence="The torque may be in per mille of the rated one, {value:.3g} times the limit",
+        sentence="The torque is in per mille of the rated one, {value:.3g} times the limit",
         remedy="State its unit, or convert it.",
         undo=rated_torque,
         measurement=_LOAD,
@@ -304,7 +304,7 @@ def _units_of_both() -> Iterator[Hypothesis[Any]]:
         yield Hypothesis(
             name=f"counts {name}",
             check=check,
-            sentence=f"Counts and reference may be {name}",
+            sentence=f"Counts and reference are {name}",
             remedy="Correct resolution, gear or unit.",
             undo=scaled_both(factor),
             measurement=_RIGHT_ANGLE,
@@ -315,12 +315,13 @@ def _units_of_both() -> Iterator[Hypothesis[Any]]:
 
 def _units_of_one() -> Iterator[Hypothesis[Any]]:
     """Yield the rows: counts or reference alone in other units."""
-    for name, undo in (("counts", scaled_counts), ("reference", scaled_reference)):
+    columns = ("counts", "are", scaled_counts), ("reference", "is", scaled_reference)
+    for name, verb, undo in columns:
         for unit, factor in (("degrees", 180 / np.pi), ("turns", 1 / (2 * np.pi))):
             yield Hypothesis(
                 name=f"{name} alone in {unit}",
                 check="gear sign",
-                sentence=f"The {name} may be in {unit}, and read in radians",
+                sentence=f"The {name} {verb} in {unit}, and read in radians",
                 remedy="State its unit, or convert it.",
                 undo=undo,
                 measurement=_RIGHT_ANGLE,
@@ -366,7 +367,7 @@ def _resolutions() -> Iterator[Hypothesis[Any]]:
     yield Hypothesis(
         name="resolution per radian",
         check="quantisation step",
-        sentence="The resolution may be pulses per radian, not per turn",
+        sentence="The resolution is in pulses per radian, not per turn",
         remedy="State pulses per turn.",
         undo=other_resolution,
         measurement=_RIGHT_ANGLE,
@@ -435,7 +436,7 @@ def _statements() -> Iterator[Hypothesis[Any]]:
     yield Hypothesis(
         name="filter in Hz",
         check="units of gains",
-        sentence="The filter of the law may be stated in Hz",
+        sentence="The filter of the law is stated in Hz",
         remedy="State it in rad/s: multiply it by 2 pi.",
         undo=filter_in_hertz,
         measurement=_BLOCKED,
@@ -444,7 +445,7 @@ def _statements() -> Iterator[Hypothesis[Any]]:
     yield Hypothesis(
         name="gains in A",
         check="units of torque",
-        sentence="The gains of the law may be in A per pulse",
+        sentence="The gains of the law are in A per pulse",
         remedy="Multiply them by motor_gain.",
         undo=gains_in_ampere,
         measurement=_BLOCKED,

@@ -549,10 +549,10 @@ def test_advice_names_the_cause(records):
         (DEFECTS["counts swapped"][1](record), "counts of joint q[0] and joint q[1] are exchanged"),
         (DEFECTS["half the resolution"][1](record), "400 pulses per turn, not 800"),
         (DEFECTS["mN m"][1](record), "mN m"),
-        (replace(record, torque=None, current=1e3 * record.current), "The current may be in mA"),
+        (replace(record, torque=None, current=1e3 * record.current), "The current is in mA"),
         (
             replace(record, torque=None, current=1e-3 * record.current),
-            "The current may be in A, not in mA",
+            "The current is in A, not in mA",
         ),
         (DEFECTS["torque of the motor"][1](record), "the motor's torque, not the joint's"),
         (DEFECTS["stamps scatter"][1](record), "t = row times interval"),
