@@ -5,7 +5,7 @@ torque: the motion explains the right sum of the parts, and no other. The scale 
 follows from the friction that the drive states.
 """
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -59,7 +59,7 @@ class MotionSettings:
 SETTINGS = MotionSettings()
 
 
-def single_gain_evidence(gain: str) -> Callable[..., Iterable[tuple[float, float]] | None]:
+def single_gain_evidence(gain: str) -> Callable[..., Any]:
     """Evidence of one gain of several: by the motion where no torque is logged."""
 
     def evidence(experiment: Experiment, joints: Joints) -> Any:
