@@ -8,7 +8,7 @@ import numpy as np
 from plant.checkup.along_log import at_times, sample_times, steps_of_torque
 from plant.checkup.filtered import centred
 from plant.checkup.hypothesis import Joints, columns_of
-from plant.checkup.law_motion import driven_by_law
+from plant.checkup.law_motion import driven_without_limit, likelier_motion, unexplained
 from plant.checkup.score import SETTINGS as SCORE
 from plant.checkup.score import Experiment
 from plant.checkup.sizes import regressed
@@ -119,7 +119,7 @@ def reference_delays(experiment: Experiment, joints: Joints) -> tuple[float, ...
         return ()
     nearest = float(np.round(np.median(delay[columns_of(joints)])))
     # Its neighbours bound the search for the best size.
-    return (nearest - 1, nearest, nearest + 1) if nearest else ()
+    return tuple(nearest + row for row in (-2.0, -1.0, 0.0, 1.0, 2.0)) if nearest else ()
 
 
 def _reference_delay(experiment):
@@ -194,9 +194,10 @@ def _law_and_sample(experiment):
         return signals, experiment.commanded, np.abs(gain * signals.interval / angle)
     if feeds_forward(experiment):
         return None
-    stated = experiment.once(driven_by_law)
-    late = experiment.changed(counts_in_time(experiment.record, (), -1.0)).once(driven_by_law)
-    if stated is None or late is None:
+    stated = experiment.once(driven_without_limit)
+    late = experiment.changed(counts_in_time(experiment.record, (), -1.0))
+    late = late.once(driven_without_limit)
+    if stated is None or late is None or (unexplained(stated) > SCORE.like).any():
         return None
     signals, torque = stated.signals, np.asarray(stated.signals.torque)
     per_sample = _viscous(signals, np.asarray(late.signals.torque) - torque)
@@ -212,10 +213,10 @@ def _viscous(signals, torque):
 def shares_by_friction(experiment: Experiment, part: Floats) -> Iterator[tuple[float, float]]:
     """Yield the share of a part of the law's torque that is too much, with its log odds.
 
-    `part` (M, n): motor torque of a log that `driven_by_law` drives. Several joints have one share
-    that leaves each the stated viscous friction.
+    `part` (M, n): motor torque, at the samples of `driven_without_limit`. Several joints have one
+    share that leaves each the stated viscous friction.
     """
-    stated, delay = experiment.once(driven_by_law), experiment.once(delays)
+    stated, delay = experiment.once(driven_without_limit), experiment.once(delays)
     found = experiment.once(_law_and_sample)
     if stated is None or delay is None or found is None or experiment.n == 1:
         return
@@ -241,9 +242,7 @@ def delay_evidence(experiment: Experiment, joints: Joints) -> Any:
         return ()
     chosen = columns_of(joints)
     if experiment.has_memory:
-        common = () if joints else _of_all(delay.by_speed, delay.speed_std)
-        # Speeds are smoothed over a window; what looks like a longer delay has another cause.
-        return tuple(each for each in common if abs(each[0]) <= experiment.signals.window)
+        return () if joints else tuple(_delay_of_all(experiment, delay))
     jerk, jerk_std = delay.by_jerk[chosen], delay.jerk_std[chosen]
     values = np.concatenate([jerk, delay.by_speed[chosen]])
     stds = np.concatenate([jerk_std, delay.speed_std[chosen]])
@@ -262,6 +261,15 @@ def reference_delay_evidence(experiment: Experiment, joints: Joints) -> Any:
     if experiment.signals.torque is not None:
         return None
     return tuple((-size, odds) for size, odds in delay_evidence(experiment, joints) or ())
+
+
+def _delay_of_all(experiment, delay):
+    """Yield the delay that all joints share under a law with memory, with its log odds."""
+    for value, gain in _of_all(delay.by_speed, delay.speed_std):
+        # Speeds are smoothed over a window; what looks like a longer delay has another cause.
+        if abs(value) <= experiment.signals.window:
+            in_time = counts_in_time(experiment.record, (), value)
+            yield value, max(gain, likelier_motion(experiment, in_time))
 
 
 def _of_all(values, stds):

@@ -265,4 +265,9 @@ def _by_motion(experiment: Experiment, gain: str, joints: Joints, size: float) -
         return -np.inf
     if not experiment.has_memory:
         return by_friction(experiment, other_gains(gain)(experiment.record, joints, size))
+    # A gain that is wrong by less is in no other unit.
+    less = along.without(gain, joints, np.sqrt(size))
+    less_wrong = stated.changed(driven(stated.record, experiment.signals, less))
+    if corrected.score < less_wrong.score + SETTINGS.nothing:
+        return -np.inf
     return corrected.score - stated.score

@@ -20,6 +20,8 @@ from plant.checkup.law_motion import (
     driven_by_law,
     driven_without_limit,
     likelier_motion,
+    no_limit_alone,
+    torque_scales,
     unexplained,
 )
 from plant.checkup.law_parts import gains_of, law_torque, other_gains
@@ -36,23 +38,26 @@ class MotionSettings:
 
     Parameters
     ----------
-    significant : float
-        Standard deviations from which on an estimated friction shows a scale of the torque.
-    alike : float
-        Largest ratio of two frictions' scales that are one: friction is stated half to twice.
+    one_factor : float
+        Largest ratio of the factors of a gain at several joints that are one.
     unmoved : float
         Share of the torque of the stated law that the motion leaves unexplained, below which no
         single gain is examined.
     explained : float
         Part of that share below which a corrected gain must bring it.
+    passes : int
+        Fits of a gain, each without the rows that are far from the one before.
+    outlying : float
+        Residual of such rows [median residuals].
     beyond : float
         Factor from which on no limit is stated too low: the torque is that of other gains.
     """
 
-    significant: float = 4.0
-    alike: float = 4.0
+    one_factor: float = 1.5
     unmoved: float = 2e-3
     explained: float = 0.5
+    passes: int = 3
+    outlying: float = 6.0
     beyond: float = 10.0
 
 
@@ -83,9 +88,11 @@ def _by_motion(experiment: Experiment, joints: Joints, gain: str) -> Iterator[tu
     # Friction and inertia alone show no single gain.
     if stated is None or not (unexplained(stated)[chosen] > SETTINGS.unmoved).any():
         return
-    factor = float(np.median(experiment.once(_factors)[gain][chosen]))
-    if not np.isfinite(factor) or factor <= 0:
+    factors = experiment.once(_factors)[gain][chosen]
+    # Noise of counts makes other factors than the right one, and another at each joint.
+    if not (factors > 0).all() or factors.max() > SETTINGS.one_factor * factors.min():
         return
+    factor = float(np.median(factors))
     record = other_gains(gain)(experiment.record, joints, 1 / factor)
     corrected = experiment.changed(record).once(driven_without_limit)
     if corrected is None:
@@ -134,9 +141,16 @@ def _share(equation: Equation, part: Floats) -> float:
     if not size.all():
         return np.nan
     torques /= size
-    rest = torques - columns @ np.linalg.lstsq(columns, torques, rcond=None)[0]
-    # A sum of both whose rest is small beside the sum itself.
-    _, sums = eigh(rest.T @ rest, torques.T @ torques + RIDGE * np.eye(2))
+    rows = np.ones(len(torques), dtype=bool)
+    for _ in range(SETTINGS.passes):
+        solution = np.linalg.lstsq(columns[rows], torques[rows], rcond=None)[0]
+        rest = torques - columns @ solution
+        # A sum of both whose rest is small beside the sum itself.
+        squares, sizes = (table[rows].T @ table[rows] for table in (rest, torques))
+        _, sums = eigh(squares, sizes + RIDGE * np.eye(2))
+        # Where an amplifier limited the torque, the law's torque did not act.
+        residual = np.abs(rest @ sums[:, 0])
+        rows = residual <= SETTINGS.outlying * np.median(residual)
     whole, added = sums[:, 0] / size
     return float(added / whole)
 
@@ -146,22 +160,10 @@ def all_gains_evidence(experiment: Experiment, joints: Joints) -> Iterator[tuple
     gain = "gains" if gains_of(experiment.record.law, "gains") else "gain"
     if experiment.signals.torque is not None or not gains_of(experiment.record.law, gain):
         return
-    stated = experiment.once(driven_without_limit)
-    if stated is None:
-        return
-    drive = experiment.record.rig.drive
-    ratios = [
-        getattr(motion, name) / getattr(drive, name)[i]
-        for i, motion in enumerate(stated.motions or ())
-        for name in ("coulomb", "viscous")
-        if not joints or i in joints
-        if getattr(drive, name)[i]
-        if getattr(motion, name) > SETTINGS.significant * getattr(motion, f"{name}_std")
-    ]
-    if ratios and max(ratios) < SETTINGS.alike * min(ratios):
-        factor = float(np.exp(np.median(np.log(ratios))))
+    for factor in torque_scales(experiment, joints):
         record = other_gains(gain)(experiment.record, joints, factor)
-        yield factor, likelier_motion(experiment, record)
+        if no_limit_alone(experiment, record):
+            yield factor, likelier_motion(experiment, record)
 
 
 def all_gains(record: Any, joints: Joints, size: float) -> Any:

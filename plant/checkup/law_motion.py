@@ -4,14 +4,40 @@ The torque of the right law accelerates inertia and overcomes friction that a mo
 law is run along the beginning of the log.
 """
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
+from plant.checkup.along_log import SETTINGS as ALONG_LOG
 from plant.checkup.along_log import driven, sample_times
+from plant.checkup.hypothesis import Joints
 from plant.checkup.law_parts import law_torque
 from plant.checkup.score import Experiment
+from plant.checkup.undo import other_law_period
 from plant.parts import Floats
+
+
+@dataclass(frozen=True, kw_only=True)
+class LawMotionSettings:
+    """What a motion shows of its law; chosen by hand.
+
+    Parameters
+    ----------
+    beside_limits : float
+        Log odds of other gains beside amplifiers without limits, from which on gains are wrong.
+    significant : float
+        Standard deviations from which on an estimated friction shows a scale of the torque.
+    alike : float
+        Largest ratio of two frictions' scales that are one: friction is stated half to twice.
+    """
+
+    beside_limits: float = 5.0
+    significant: float = 4.0
+    alike: float = 4.0
+
+
+SETTINGS = LawMotionSettings()
 
 
 def driven_by_law(experiment: Experiment) -> Experiment | None:
@@ -52,3 +78,59 @@ def likelier_motion(experiment: Experiment, record: Any) -> float:
     if stated is None or corrected is None:
         return -np.inf
     return corrected.score - stated.score
+
+
+def no_limit_alone(experiment: Experiment, record: Any) -> bool:
+    """Whether other gains explain a motion better than amplifiers that limit nothing.
+
+    A smaller torque meets a limit that is stated too low less often: that is no sign of gains.
+    """
+    if not experiment.has_memory:
+        return True
+    stated = experiment.once(driven_without_limit)
+    corrected = experiment.changed(record).once(driven_by_law)
+    if stated is None or corrected is None:
+        return False
+    return bool(corrected.score - stated.score > SETTINGS.beside_limits)
+
+
+def torque_scales(experiment: Experiment, joints: Joints) -> tuple[float, ...]:
+    """How many times the stated friction a motion has that the law's torque drives.
+
+    Nothing where frictions are stated, or differ, by several factors.
+    """
+    stated = experiment.once(driven_without_limit)
+    if stated is None:
+        return ()
+    drive = experiment.record.rig.drive
+    scales = [
+        getattr(motion, name) / getattr(drive, name)[i]
+        for i, motion in enumerate(stated.motions or ())
+        for name in ("coulomb", "viscous")
+        if not joints or i in joints
+        if getattr(drive, name)[i]
+        if getattr(motion, name) > SETTINGS.significant * getattr(motion, f"{name}_std")
+    ]
+    if not scales or max(scales) > SETTINGS.alike * min(scales):
+        return ()
+    return (float(np.exp(np.median(np.log(scales)))),)
+
+
+def law_periods(experiment: Experiment, joints: Joints) -> tuple[float, ...]:
+    """How many intervals of the log the law's period is, where it is another."""
+    period = getattr(experiment.record.law, "period", None)
+    if not period or not experiment.has_memory:
+        return ()
+    intervals = period / experiment.signals.interval
+    alike = 1 / ALONG_LOG.period < intervals < ALONG_LOG.period
+    return () if alike else (float(intervals),)
+
+
+def law_period_evidence(experiment: Experiment, joints: Joints) -> Any:
+    """Log odds of a law that has the log's period; None if torque is logged."""
+    if experiment.signals.torque is not None:
+        return None
+    return tuple(
+        (size, likelier_motion(experiment, other_law_period(experiment.record, joints, size)))
+        for size in law_periods(experiment, joints)
+    )

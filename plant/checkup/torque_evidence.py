@@ -8,7 +8,7 @@ import numpy as np
 from plant.checkup.delays import delays
 from plant.checkup.filtered import centred
 from plant.checkup.hypothesis import Joints
-from plant.checkup.law_motion import driven_by_law, likelier_motion
+from plant.checkup.law_motion import driven_by_law, likelier_motion, no_limit_alone, torque_scales
 from plant.checkup.score import SETTINGS as SCORE
 from plant.checkup.score import Experiment
 from plant.checkup.sizes import friction_ratios, regressed
@@ -28,6 +28,9 @@ class ModelSettings:
         modelled with half their friction.
     certain : float
         Standard deviations from which on the dry friction of the law's torque is significant.
+    lacking : float
+        Logarithm of the largest ratio of friction's scale to one over the motor gain, up to which
+        the law's gains may lack that.
     constant : float
         Share of the law's torque below which a logged torque is constant: gear and gain are no
         factor of a million.
@@ -35,6 +38,7 @@ class ModelSettings:
 
     frictionless: float = 0.2
     certain: float = 3.0
+    lacking: float = 0.7
     constant: float = 1e-6
 
 
@@ -45,7 +49,19 @@ def gains_evidence(experiment: Experiment, joints: Joints) -> Any:
     """Log odds that gains are in A, by score and viscous friction; None if torque is logged."""
     if experiment.once(delays) is None or not hasattr(experiment.record.law, "gain"):
         return None
-    return ((1.0, by_friction(experiment, gains_in_ampere(experiment.record, joints, 1.0))),)
+    record = gains_in_ampere(experiment.record, joints, 1.0)
+    if experiment.has_memory and not (
+        _scaled_by_motor_gain(experiment) and no_limit_alone(experiment, record)
+    ):
+        return ()
+    return ((1.0, by_friction(experiment, record)),)
+
+
+def _scaled_by_motor_gain(experiment):
+    """Whether friction shows gains that lack the motor gain."""
+    lacking = 1 / np.median(experiment.record.rig.drive.motor_gain)
+    scales = torque_scales(experiment, ())
+    return any(abs(np.log(scale / lacking)) < MODEL.lacking for scale in scales)
 
 
 def by_friction(experiment: Experiment, record: Any) -> float:

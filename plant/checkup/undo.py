@@ -513,6 +513,14 @@ def other_period(record: Any, joints: Joints, size: float) -> Any:
     return replace(record, rig=replace(record.rig, period=record.rig.period * size))
 
 
+def other_law_period(record: Any, joints: Joints, size: float) -> Any:
+    """Divide the period of the law by a factor."""
+    period = getattr(record.law, "period", None)
+    if not period:
+        raise ValueError("the law must have a period of its own; it has none. State it.")
+    return replace(record, law=replace(record.law, period=period / size))
+
+
 def other_rounding(record: Any, joints: Joints, size: float) -> Any:
     """The other convention of rounding the counts."""
     # "round" and "floor" differ by a shift of the zero alone, so "floor" stands for both.

@@ -36,6 +36,7 @@ from plant.checkup.gains_by_motion import (
 )
 from plant.checkup.hypothesis import Hypothesis, Joints, each_joint, pairs
 from plant.checkup.integrals import lacking_integral_evidence, no_integral_evidence
+from plant.checkup.law_motion import law_period_evidence, law_periods
 from plant.checkup.law_parts import GAINS, other_gains
 from plant.checkup.sizes import (
     command_ratios,
@@ -66,6 +67,7 @@ from plant.checkup.undo import (
     lower_limit,
     other_friction,
     other_gain,
+    other_law_period,
     other_limit,
     other_period,
     other_resolution,
@@ -411,6 +413,16 @@ def _statements() -> Iterator[Hypothesis[Any]]:
         evidence=period_evidence,
     )
     yield Hypothesis(
+        name="period of the law",
+        check="period",
+        sentence="The period of the law is stated {value:.3g} times as long as the log shows",
+        remedy="Correct it.",
+        undo=other_law_period,
+        measurement=_CLOCK,
+        suggested=law_periods,
+        evidence=law_period_evidence,
+    )
+    yield Hypothesis(
         name="rounding",
         check="rounding",
         sentence="The counts show {cell} at zero",
@@ -653,6 +665,7 @@ def _stated() -> Iterator[Hypothesis[Any]]:
         measurement="Block a motor, and command more than its limit.",
         scope=each_joint,
         evidence=limit_evidence,
+        against=8.0,
     )
     for name in ("coulomb", "viscous"):
         title = f"{name.capitalize()} friction"
