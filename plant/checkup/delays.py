@@ -58,6 +58,10 @@ TORQUE_DELAYS = (-1.0, -0.5, 0.5, 1.0, 2.0, 4.0, 8.0)
 """The same of torques, which no cause makes early by much. Longer delays follow from the log."""
 
 
+ROWS = (-2.0, -1.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0)
+"""The same of references."""
+
+
 def delay_sizes(sizes: tuple[float, ...]) -> Callable[..., tuple[float, ...]]:
     """Delays that are tried: those that torque and motion alone can show, where no law helps."""
 
@@ -117,9 +121,12 @@ def reference_delays(experiment: Experiment, joints: Joints) -> tuple[float, ...
     delay = experiment.once(_reference_delay)
     if delay is None:
         return ()
+    # A sampled law answers the noise of each count, so its torque shows the right row alone.
+    tried = () if joints or (np.asarray(experiment.command) < SCORE.like).all() else ROWS
     nearest = float(np.round(np.median(delay[columns_of(joints)])))
     # Its neighbours bound the search for the best size.
-    return tuple(nearest + row for row in (-2.0, -1.0, 0.0, 1.0, 2.0)) if nearest else ()
+    near = [nearest + row for row in (-2.0, -1.0, 0.0, 1.0, 2.0)] if nearest else []
+    return tuple(sorted({*tried, *near} - {0.0}))
 
 
 def _reference_delay(experiment):
