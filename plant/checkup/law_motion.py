@@ -13,6 +13,7 @@ from plant.checkup.along_log import SETTINGS as ALONG_LOG
 from plant.checkup.along_log import driven, sample_times
 from plant.checkup.hypothesis import Joints
 from plant.checkup.law_parts import law_torque
+from plant.checkup.score import SETTINGS as SCORE
 from plant.checkup.score import Experiment
 from plant.checkup.undo import other_law_period
 from plant.parts import Floats
@@ -97,21 +98,26 @@ def no_limit_alone(experiment: Experiment, record: Any) -> bool:
 def torque_scales(experiment: Experiment, joints: Joints) -> tuple[float, ...]:
     """How many times the stated friction a motion has that the law's torque drives.
 
-    Nothing where frictions are stated, or differ, by several factors.
+    Nothing where the scales of several frictions differ, or where the motion needs another torque.
     """
     stated = experiment.once(driven_without_limit)
-    if stated is None:
+    if stated is None or (unexplained(stated) > SCORE.like).any():
         return ()
     drive = experiment.record.rig.drive
-    scales = [
-        getattr(motion, name) / getattr(drive, name)[i]
-        for i, motion in enumerate(stated.motions or ())
-        for name in ("coulomb", "viscous")
-        if not joints or i in joints
-        if getattr(drive, name)[i]
-        if getattr(motion, name) > SETTINGS.significant * getattr(motion, f"{name}_std")
-    ]
-    if not scales or max(scales) > SETTINGS.alike * min(scales):
+
+    def significant(name: str) -> list[float]:
+        return [
+            getattr(motion, name) / getattr(drive, name)[i]
+            for i, motion in enumerate(stated.motions or ())
+            if not joints or i in joints
+            if getattr(drive, name)[i]
+            if getattr(motion, name) > SETTINGS.significant * getattr(motion, f"{name}_std")
+        ]
+
+    # Late counts change the viscous friction alone.
+    coulomb = significant("coulomb")
+    scales = coulomb + significant("viscous")
+    if not coulomb or max(scales) > SETTINGS.alike * min(scales):
         return ()
     return (float(np.exp(np.median(np.log(scales)))),)
 
