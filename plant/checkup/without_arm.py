@@ -123,6 +123,7 @@ def _exchanges() -> Iterator[Hypothesis[Any]]:
             undo=undo,
             measurement="Move one joint alone: its columns are those that change.",
             scope=pairs,
+            # Exchanged as pulses, or as the angles of two joints whose gears differ.
             sizes=(0.0, 1.0),
             # A log usually has its torques in the order of its counts: an exchange is unlikely.
             against=8.0 if name == "torques" else 5.0,
@@ -148,6 +149,7 @@ def _encoders() -> Iterator[Hypothesis[Any]]:
         remedy="Exchange the columns.",
         undo=exchanged_encoders,
         measurement="Block the link, and move the motor: its encoder alone counts.",
+        # A robot with two encoders at each joint logs both under names that are alike.
         scope=each_joint,
     )
 
@@ -161,6 +163,8 @@ def _turns() -> Iterator[Hypothesis[Any]]:
         "error": ("drive sign", turned_error),
         "counts": ("gear sign", turned_counts),
         "reference": ("gear sign", turned_reference),
+        # The gear converts angles alone, so that its sign turns one column where the other is
+        # logged in counts.
         "gear": ("gear sign", turned_gear),
     }
     for name, (check, undo) in signs.items():
@@ -168,6 +172,7 @@ def _turns() -> Iterator[Hypothesis[Any]]:
         of_all = name if plural else f"{name}s"
         verb = "have" if plural else "has"
         columns = " and ".join(f"{{{column}}}" for column in name.split(" and "))
+        # Two columns are turned less often than one.
         against = 6.0 if " and " in name else 5.0
         yield Hypothesis(
             name=f"turned {name}",
@@ -199,14 +204,18 @@ def _units_of_torque() -> Iterator[Hypothesis[Any]]:
     A logged number times the factor is what the record should hold [N m of the joint, A].
     """
     units = {
+        # Data sheets of small motors, and of large robots.
         "in mN m": ("torque", lambda rig: 1e-3),
         "in kN m": ("torque", lambda rig: 1e3),
+        # Drives know the motor's side; a reader may convert what was converted already.
         "the motor's torque, not the joint's": ("torque", lambda rig: np.abs(rig.drive.gear)),
         "a torque that crossed the gear twice": ("torque", lambda rig: 1 / np.abs(rig.drive.gear)),
+        # Most drives measure a current, and call it effort or torque.
         "a motor current in A": (
             "torque",
             lambda rig: np.abs(rig.drive.gear) * rig.drive.motor_gain,
         ),
+        # Drives on a field bus scale their torques by a rated one.
         "per mille of the amplifier's limit": (
             "torque",
             lambda rig: rig.drive.torque_limit() / 1e3,
@@ -219,6 +228,7 @@ def _units_of_torque() -> Iterator[Hypothesis[Any]]:
         "in A, not in mA": ("current", lambda rig: 1e3),
     }
     for unit, (column, factor) in units.items():
+        # Motors are coupled to joints by what the drive states: such units are of the shafts.
         of_motors = "motor" in unit or "limit" in unit
         yield Hypothesis(
             name=f"{column} {unit}",
@@ -244,6 +254,7 @@ def _kinds_of_torque() -> Iterator[Hypothesis[Any]]:
         measurement="Log a pose at rest: the torque holds the arm.",
         evidence=gravity_evidence,
         scored=True,
+        # A torque that depends on the pose explains a part of many other mistakes, too.
         against=20.0,
     )
     yield Hypothesis(
@@ -251,6 +262,7 @@ def _kinds_of_torque() -> Iterator[Hypothesis[Any]]:
         check="units of torque",
         sentence="The torque is zero throughout",
         remedy="Log it, or leave the column out.",
+        # Some drivers fill a column that they do not measure.
         undo=without_torque,
         evidence=zeros_evidence,
     )
@@ -259,6 +271,7 @@ def _kinds_of_torque() -> Iterator[Hypothesis[Any]]:
         check="units of torque",
         sentence="The torque is not measured but of a model: it lacks the law's dry friction",
         remedy="Log what the drive measures, or leave the column out.",
+        # Planners and simulators export the torque of their model.
         undo=without_model,
         measurement="Turn a joint slowly: its measured torque jumps where it turns back.",
         evidence=model_evidence,
@@ -271,6 +284,7 @@ def _kinds_of_torque() -> Iterator[Hypothesis[Any]]:
         remedy="State its unit, or convert it.",
         undo=rated_torque,
         measurement=_LOAD,
+        # The rated torque is no number of the rig, so its share of the limit is estimated.
         suggested=rated_shares,
         against=8.0,
     )
@@ -295,10 +309,13 @@ def _units_of_both() -> Iterator[Hypothesis[Any]]:
     """
     gears = lambda rig: np.abs(rig.drive.gear)  # noqa: E731
     both = {
+        # Both columns come from one reader, so that the error has the same unit.
         "in degrees, not in radians": ("units of counts", lambda rig: 180 / np.pi),
         "in turns, not in radians": ("units of counts", lambda rig: 1 / (2 * np.pi)),
+        # A gear that was not applied, or twice.
         "angles of the motor": ("quantisation step", gears),
         "angles of the joint": ("units of torque", lambda rig: 1 / gears(rig)),
+        # Lines of an encoder for its edges, or the reverse.
         "of a resolution four times as high": ("quantisation step", lambda rig: 4.0),
         "of a resolution a quarter as high": ("quantisation step", lambda rig: 0.25),
     }
@@ -317,6 +334,7 @@ def _units_of_both() -> Iterator[Hypothesis[Any]]:
 
 def _units_of_one() -> Iterator[Hypothesis[Any]]:
     """Yield the rows: counts or reference alone in other units."""
+    # A planner and an encoder may give their angles in different units.
     columns = ("counts", "are", scaled_counts), ("reference", "is", scaled_reference)
     for name, verb, undo in columns:
         for unit, factor in (("degrees", 180 / np.pi), ("turns", 1 / (2 * np.pi))):
@@ -338,6 +356,7 @@ def _units_of_one() -> Iterator[Hypothesis[Any]]:
         " torque may have an offset instead.",
         undo=shifted_reference,
         measurement="Hold the joint at a stop, and read both.",
+        # Each encoder has a zero of its own.
         scope=each_joint,
         evidence=zero_evidence,
         suggested=median_errors,
@@ -353,6 +372,7 @@ def _resolutions() -> Iterator[Hypothesis[Any]]:
         check="units of counts",
         sentence="Counts and reference are multiples of {value:.6g}",
         remedy="Divide both by it.",
+        # A conversion that was stated twice leaves a step that no encoder has.
         undo=scaled_both(),
         measurement=_RIGHT_ANGLE,
         evidence=grid_evidence,
@@ -362,6 +382,7 @@ def _resolutions() -> Iterator[Hypothesis[Any]]:
         check="quantisation step",
         sentence="The counts come in steps of {value:.4g}, and so does the law's error",
         remedy="Correct the resolution, and take counts and reference in steps.",
+        # A counter without its lowest bits; the law reads the same counts.
         undo=counted_in_steps,
         measurement=_RIGHT_ANGLE,
         evidence=steps_evidence,
@@ -399,6 +420,7 @@ def _statements() -> Iterator[Hypothesis[Any]]:
         check="period",
         sentence="The times are {value:.6g} times too large",
         remedy="Give seconds.",
+        # Loggers stamp in milliseconds, microseconds or nanoseconds.
         undo=other_time_unit,
         measurement=_CLOCK,
         evidence=time_unit_evidence,
@@ -450,6 +472,7 @@ def _statements() -> Iterator[Hypothesis[Any]]:
         check="units of gains",
         sentence="The filter of the law is stated in Hz",
         remedy="State it in rad/s: multiply it by 2 pi.",
+        # Data sheets state the corner of a filter as a frequency.
         undo=filter_in_hertz,
         measurement=_BLOCKED,
         against=8.0,
@@ -459,6 +482,7 @@ def _statements() -> Iterator[Hypothesis[Any]]:
         check="units of torque",
         sentence="The gains of the law are in A per pulse",
         remedy="Multiply them by motor_gain.",
+        # The loops of a drive command a current.
         undo=gains_in_ampere,
         measurement=_BLOCKED,
         evidence=gains_evidence,
@@ -524,6 +548,7 @@ def _single_gains() -> Iterator[Hypothesis[Any]]:
             check="units of gains",
             sentence=f"The law that made the log has no integral at {whose}",
             remedy="State it without one.",
+            # Drives turn their integral off while they move, or have none.
             undo=without_integral,
             measurement=_BLOCKED,
             scope=scope,
@@ -536,6 +561,7 @@ def _single_gains() -> Iterator[Hypothesis[Any]]:
         check="units of gains",
         sentence="The law that made the log has an integral, of {value:.3g} 1/s of its gain",
         remedy="State a PID.",
+        # The inner loop of a drive has an integral that its manual may not mention.
         undo=with_integral,
         measurement=_BLOCKED,
         evidence=lacking_integral_evidence,
@@ -546,7 +572,7 @@ def _single_gains() -> Iterator[Hypothesis[Any]]:
 
 
 def _sizes() -> Iterator[Hypothesis[Any]]:
-    """Yield the rows: scales and delays, of one joint or of all alike."""
+    """Yield the rows: scales, of one joint or of all alike."""
     for scope in (each_joint, several):
         alone = scope is each_joint
         whose = "{joint}" if alone else "all joints"
@@ -557,6 +583,7 @@ def _sizes() -> Iterator[Hypothesis[Any]]:
             " another gain",
             remedy="Check gain, motor gain and gear.",
             undo=other_gain,
+            # The gain of the law and the scale of its torque differ by the logged torque alone.
             measurement=_BLOCKED,
             scope=scope,
             suggested=command_ratios,
@@ -581,6 +608,7 @@ def _sizes() -> Iterator[Hypothesis[Any]]:
             undo=scaled_counts,
             measurement=_RIGHT_ANGLE,
             scope=scope,
+            # A gear or a resolution that is wrong by a factor scales one column.
             suggested=slopes,
             tolerance=1.0,
         )
@@ -595,6 +623,13 @@ def _sizes() -> Iterator[Hypothesis[Any]]:
             suggested=inverse_slopes,
             tolerance=1.0,
         )
+
+
+def _delays() -> Iterator[Hypothesis[Any]]:
+    """Yield the rows: columns that are late, of one joint or of all alike."""
+    for scope in (each_joint, several):
+        alone = scope is each_joint
+        whose = "{joint}" if alone else "all joints"
         yield Hypothesis(
             name="late counts",
             check="delay",
@@ -651,6 +686,7 @@ def _stated() -> Iterator[Hypothesis[Any]]:
         check="clipped torque",
         sentence="The torque of {joint} is cut off at {value:.3g} of the stated limit",
         remedy="State the limit.",
+        # A drive limits its current to less than the amplifier can give.
         undo=lower_limit,
         measurement="Block a motor, and command more than its limit.",
         scope=each_joint,
@@ -706,6 +742,7 @@ TABLE: tuple[Hypothesis[Any], ...] = (
     *_gain_units(),
     *_single_gains(),
     *_sizes(),
+    *_delays(),
     *_stated(),
 )
 
