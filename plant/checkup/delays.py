@@ -31,6 +31,9 @@ class DelaySettings:
         temperature of the grease.
     least_lag : float
         Lag [samples] that a law leaves by what its model lacks.
+    shortest : float
+        Duration [s] of a log from which on friction shows a delay under a law with memory. In a
+        shorter one, gravity and what an integral held change as friction does.
     apart : float
         Mean square of the joints' delays beside their common one [standard deviations], below which
         they are one.
@@ -39,6 +42,7 @@ class DelaySettings:
     unseen: float = 2.5
     viscous_spread: float = 0.5
     least_lag: float = 0.2
+    shortest: float = 1.0
     apart: float = 2.0
 
 
@@ -199,7 +203,7 @@ def _law_and_sample(experiment):
         gain /= np.maximum((error**2).sum(axis=0), 1e-300)
         angle = experiment.record.rig.encoder.to_angle(np.ones(experiment.n))
         return signals, experiment.commanded, np.abs(gain * signals.interval / angle)
-    if feeds_forward(experiment):
+    if feeds_forward(experiment) or np.ptp(signals.t) < SETTINGS.shortest:
         return None
     stated = experiment.once(driven_without_limit)
     late = experiment.changed(counts_in_time(experiment.record, (), -1.0))

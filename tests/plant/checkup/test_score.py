@@ -179,8 +179,8 @@ def test_a_trial_that_no_torque_can_save_runs_no_law(cascaded):
     assert mistaken.gain(right, 5.0) == right.score - mistaken.score > 5
 
 
-@pytest.mark.parametrize(("tolerance", "count"), [(0.3, 1), (None, 3)])
-def test_a_mistake_with_a_refined_size_is_accepted_once(tolerance, count):
+@pytest.mark.parametrize(("tolerance", "size", "count"), [(0.3, 2, 1), (None, 2, 1), (None, 0, 3)])
+def test_a_mistake_of_one_size_is_accepted_once(tolerance, size, count):
     """Where undoing it is not exact, the rest looks like the same mistake again."""
     row = Hypothesis(
         name="scale",
@@ -191,7 +191,8 @@ def test_a_mistake_with_a_refined_size_is_accepted_once(tolerance, count):
     )
 
     def candidates(experiment):
-        yield Candidate(row, (), 2.0, 50.0, lambda: experiment + 1)
+        # Without a size of its own, each step has another one.
+        yield Candidate(row, (), size or experiment + 2.0, 50.0, lambda: experiment + 1)
 
     causes = ranking(0, candidates, ("1", "2")).causes
     assert [cause.name for cause in causes] == ["scale"] * count

@@ -496,10 +496,10 @@ def test_a_sentence_with_a_full_stop_gets_no_second_one():
     ("own", "following", "said"),
     [
         (9.0, 3.0, "1e4; next: y, 1e1"),
-        (9.0, 8.5, "1e4; next: y, 0.6 of that"),
-        (9.0, 9.0, "1e4; next: y, 1 of that"),
-        (2000.0, 1994.0, "over 1e99; next: y, 1e-3 of that"),
-        (2000.0, 1000.0, "over 1e99; next: y, 1e-434 of that"),
+        (9.0, 8.5, "1e4; next: y, nearly as likely"),
+        (9.0, 9.0, "1e4; next: y, nearly as likely"),
+        (2000.0, 1994.0, "over 1e99; next: y, less likely by 1e3"),
+        (2000.0, 1000.0, "over 1e99; next: y, less likely by over 1e99"),
     ],
 )
 def test_odds_and_those_of_the_next_cause_differ(own, following, said):
