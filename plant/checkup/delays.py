@@ -173,10 +173,10 @@ def delays(experiment: Experiment) -> Delay | None:
     """
     if experiment.signals.torque is not None or not experiment.signals.long_enough:
         return None
-    found = experiment.once(_law_and_sample)
-    if found is None:
+    law = experiment.once(_law_and_sample)
+    if law is None:
         return None
-    signals, torque, per_sample = found
+    signals, torque, per_sample = law
     columns = np.full((4, experiment.n), np.nan)
     stated = experiment.record.rig.drive.viscous
     for i in range(experiment.n):
@@ -228,11 +228,12 @@ def shares_by_friction(experiment: Experiment, part: Floats) -> Iterator[tuple[f
     share that leaves each the stated viscous friction.
     """
     stated, delay = experiment.once(driven_without_limit), experiment.once(delays)
-    found = experiment.once(_law_and_sample)
-    if stated is None or delay is None or found is None or experiment.n == 1:
+    if stated is None or delay is None:
         return
-    with np.errstate(divide="ignore", invalid="ignore"):
-        samples = found[2] / _viscous(stated.signals, part)
+    *_, per_sample = experiment.once(_law_and_sample)
+    viscous = _viscous(stated.signals, part)
+    # A part that looks like no friction at a joint has no share there.
+    samples = per_sample / np.where(viscous == 0, np.nan, viscous)
     yield from _of_all(samples * delay.by_speed, np.abs(samples) * delay.speed_std)
 
 
@@ -284,14 +285,15 @@ def _delay_of_all(experiment, delay):
 
 
 def _of_all(values, stds):
-    """The size that several joints share by their friction, with its log odds.
+    """Yield the size that the friction of several joints shows alike, with its log odds.
 
-    One joint's friction may be another than the stated one; several joints have one size by one
-    cause alone. A derivative answers the noise of counts, so that the jerk shows no delay.
+    A single joint that moves may have another friction than the stated one. Sizes (n,) of joints
+    that show none are NaN.
     """
     for value, gain in _common(values, stds):
+        joints = np.isfinite(values).sum()
         apart = np.nansum(((values - value) / stds) ** 2)
-        if apart < SETTINGS.apart * np.isfinite(values).sum():
+        if joints > 1 and apart < SETTINGS.apart * joints:
             yield value, gain
 
 

@@ -6,7 +6,7 @@ follows from the friction that the drive states.
 """
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -28,6 +28,7 @@ from plant.checkup.law_parts import gains_of, law_torque, other_gains
 from plant.checkup.motor_equation import RIDGE, Equation
 from plant.checkup.score import SETTINGS as SCORE
 from plant.checkup.score import Experiment
+from plant.checkup.sizes import SETTINGS as SIZES
 from plant.checkup.undo import other_limit
 from plant.parts import Floats
 
@@ -108,10 +109,11 @@ def _position_by_friction(experiment: Experiment) -> Iterator[tuple[float, float
     stated, along = experiment.once(driven_without_limit), experiment.once(law_torque)
     if stated is None or along is None:
         return
-    by_part = driven(stated.record, experiment.signals, along.parts["position"])
-    part = np.asarray(stated.changed(by_part).signals.torque)
+    by_part = _driven_by_part(experiment, stated, along.parts["position"])
+    part = np.asarray(by_part.signals.torque)
     for share, odds in shares_by_friction(experiment, part):
-        if share < 1:
+        # A gain that is nearly right is right: friction is stated less precisely.
+        if SIZES.relevant < abs(share) and share < 1:
             yield 1 / (1 - share), odds
 
 
@@ -124,11 +126,18 @@ def _factors(experiment: Experiment) -> dict[str, Floats]:
     equations = stated.equations_of_motion
 
     def factors(part):
-        by_part = stated.changed(driven(stated.record, experiment.signals, part))
+        by_part = _driven_by_part(experiment, stated, part)
         columns = (by_part.filtered("torque", i).value for i in range(experiment.n))
         return np.array([1 + _share(*each) for each in zip(equations, columns, strict=True)])
 
     return {name: factors(part) for name, part in along.parts.items()}
+
+
+def _driven_by_part(experiment: Experiment, stated: Experiment, part: Floats) -> Experiment:
+    """The stretch of `stated` with a part (K, n) of the law's torque as the logged one."""
+    # What was injected is beside the law: it is in the whole torque, and in no part of it.
+    record = replace(stated.record, injected=None)
+    return stated.changed(driven(record, experiment.signals, part))
 
 
 def _share(equation: Equation, part: Floats) -> float:
