@@ -230,7 +230,7 @@ def shares_by_friction(experiment: Experiment, part: Floats) -> Iterator[tuple[f
     stated, delay = experiment.once(driven_without_limit), experiment.once(delays)
     if stated is None or delay is None:
         return
-    *_, per_sample = experiment.once(_law_and_sample)
+    _, _, per_sample = experiment.once(_law_and_sample)
     viscous = _viscous(stated.signals, part)
     # A part that looks like no friction at a joint has no share there.
     samples = per_sample / np.where(viscous == 0, np.nan, viscous)
