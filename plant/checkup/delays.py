@@ -31,6 +31,9 @@ class DelaySettings:
         temperature of the grease.
     least_lag : float
         Lag [samples] that a law leaves by what its model lacks.
+    least : float
+        Delay [samples] below which other friction, or another law, is the likelier cause of the
+        friction that a law with memory finds.
     shortest : float
         Duration [s] of a log from which on friction shows a delay under a law with memory. In a
         shorter one, gravity and what an integral held change as friction does.
@@ -42,6 +45,7 @@ class DelaySettings:
     unseen: float = 2.5
     viscous_spread: float = 0.5
     least_lag: float = 0.2
+    least: float = 0.3
     shortest: float = 1.0
     apart: float = 2.0
 
@@ -279,7 +283,7 @@ def _delay_of_all(experiment, delay):
     """Yield the delay that all joints share under a law with memory, with its log odds."""
     for value, gain in _of_all(delay.by_speed, delay.speed_std):
         # Speeds are smoothed over a window; what looks like a longer delay has another cause.
-        if abs(value) <= experiment.signals.window:
+        if SETTINGS.least <= abs(value) <= experiment.signals.window:
             in_time = counts_in_time(experiment.record, (), value)
             yield value, max(gain, likelier_motion(experiment, in_time))
 

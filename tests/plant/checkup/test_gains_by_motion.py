@@ -130,3 +130,8 @@ def test_a_limit_below_the_torque_is_named_at_its_joint(logs):
     stated = dataclasses.replace(record, rig=dataclasses.replace(record.rig, drive=drive))
     first = stated.check().causes[0]
     assert (first.name, first.joints) == ("limit below the torque", (0,))
+
+
+def test_a_law_without_the_integral_that_made_the_log_shows_no_delay(logs):
+    stated = dataclasses.replace(of_counts(logs["PID"]), law=LAWS["PD"])
+    assert "late counts" not in {cause.name for cause in stated.check().causes}
