@@ -50,9 +50,7 @@ def gains_evidence(experiment: Experiment, joints: Joints) -> Any:
     if experiment.once(delays) is None or not hasattr(experiment.record.law, "gain"):
         return None
     record = gains_in_ampere(experiment.record, joints, 1.0)
-    if experiment.has_memory and not (
-        _scaled_by_motor_gain(experiment) and no_limit_alone(experiment, record)
-    ):
+    if not _scaled_by_motor_gain(experiment) or not no_limit_alone(experiment, record):
         return ()
     return ((1.0, by_friction(experiment, record)),)
 

@@ -158,6 +158,9 @@ def turned_motion(record: Any, joints: Joints, size: float) -> Any:
     """Change the sign of counts and reference alike."""
     # Without a reference, counts of the wrong sign look like a torque of the wrong sign.
     _needs_reference(record)
+    # The law's torque turns with both columns: only an arm shows a joint that is turned as a whole.
+    if record.torque is None and record.current is None:
+        raise ValueError("the record must have a torque or a current; it has none. Log one.")
     return _turned_motion(record, joints)
 
 

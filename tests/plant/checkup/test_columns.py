@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from identification import identify
-from plant import PID, Harmonics, P, Record, puma560, simulate
+from plant import PID, Drive, Encoder, Harmonics, P, Record, Rig, Spline, puma560, simulate
 
 RIG = puma560.rig()
 COLUMNS = {"counts": ("c1", "c2"), "torque": ("u1", "u2"), "reference_pulses": ("r1", "r2")}
@@ -219,3 +219,22 @@ def test_counts_of_a_smooth_encoder_are_accepted():
     np.testing.assert_array_equal(
         again.counts, record.reference_pulses - (record.reference_pulses - record.counts)
     )
+
+
+def test_without_a_torque_no_joint_is_turned_as_a_whole():
+    """Corners of a spline feign it: a joint whose columns are all turned moves as well."""
+    times = tuple(0.75 * k for k in range(7))
+    points = ((0, 0), (0.6, -0.5), (-0.3, 0.7), (0.8, 0.9), (-0.7, 0.1), (0.2, -0.8), (0.9, 0.3))
+    drive = Drive(
+        gear=(101.0, -61.0),
+        motor_inertia=(1.8e-4, 2.2e-4),
+        viscous=(9e-4, 1.1e-3),
+        coulomb=(0.10, 0.13),
+        motor_gain=(0.21, 0.25),
+        current_limit=(14.0, 11.0),
+    )
+    rig = Rig(drive=drive, encoder=Encoder(resolution=(4096, 2000)), period=1e-3)
+    path = Spline(times=times, points=points)
+    made = simulate(puma560.arm(), rig, P(gain=(0.05, 0.09)), path)
+    counts_alone = dataclasses.replace(made, torque=None, current=None, reference=None)
+    assert counts_alone.check().causes == ()

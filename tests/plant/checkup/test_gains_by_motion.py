@@ -28,7 +28,8 @@ LAWS = {
 
 @pytest.fixture(scope="module")
 def logs():
-    return {name: simulate(ARM, RIG, law, PATH, duration=1.5) for name, law in LAWS.items()}
+    laws = {"P": puma560.p_law(), **LAWS}
+    return {name: simulate(ARM, RIG, law, PATH, duration=1.5) for name, law in laws.items()}
 
 
 def of_counts(record):
@@ -89,7 +90,7 @@ def test_one_gain_that_is_ten_times_too_large_leaves_a_torque_that_no_motion_nee
 
 @pytest.mark.parametrize(
     ("law", "column"),
-    [(law, "counts") for law in LAWS] + [("PID", "reference"), ("cascade", "reference")],
+    [(law, "counts") for law in ("P", *LAWS)] + [("PID", "reference"), ("cascade", "reference")],
 )
 def test_counts_and_references_that_are_late_are_one_for_a_log_without_a_torque(logs, law, column):
     causes = moved(of_counts(logs[law]), **{column: 3}).check().causes
