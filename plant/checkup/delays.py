@@ -45,7 +45,7 @@ class DelaySettings:
     unseen: float = 2.5
     viscous_spread: float = 0.5
     least_lag: float = 0.2
-    least: float = 0.3
+    least: float = 0.5
     shortest: float = 1.0
     apart: float = 2.0
 
