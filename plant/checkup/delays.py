@@ -63,11 +63,12 @@ torque of a PID is that of the log within 0.2 samples of the right delay."""
 
 
 TORQUE_DELAYS = (-1.0, -0.5, 0.5, 1.0, 2.0, 4.0, 8.0)
-"""The same of torques, which no cause makes early by much. Longer delays follow from the log."""
+"""Samples by which torques may be late. No cause makes them early by much; longer delays follow
+from the log."""
 
 
 ROWS = (-2.0, -1.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0)
-"""The same of references."""
+"""Samples by which references may be late, where the torque shows the right row from afar."""
 
 
 def delay_sizes(sizes: tuple[float, ...]) -> Callable[..., tuple[float, ...]]:
@@ -127,11 +128,11 @@ def _correlations(experiment):
 def reference_delays(experiment: Experiment, joints: Joints) -> tuple[float, ...]:
     """Delays of references that are tried: that for which the law gives the logged torque best."""
     delay = experiment.once(_reference_delay)
-    if delay is None:
+    if delay is None or np.isnan(delay[columns_of(joints)]).all():
         return ()
     # A sampled law answers the noise of each count, so its torque shows the right row alone.
     tried = () if joints or (np.asarray(experiment.command) < SCORE.like).all() else ROWS
-    nearest = float(np.round(np.median(delay[columns_of(joints)])))
+    nearest = float(np.round(np.nanmedian(delay[columns_of(joints)])))
     # Its neighbours bound the search for the best size.
     near = [nearest + row for row in (-2.0, -1.0, 0.0, 1.0, 2.0)] if nearest else []
     return tuple(sorted({*tried, *near} - {0.0}))
@@ -154,7 +155,9 @@ def _reference_delay(experiment):
     else:
         columns = experiment.commanded, experiment.signals.torque, later.commanded
         law, logged, moved = map(centred, columns)
-    return regressed(logged - law, moved - law)
+    delay = regressed(logged - law, moved - law)
+    # A reference that rests is late by nothing, or by anything.
+    return np.where((moved != law).any(axis=0), delay, np.nan)
 
 
 class Delay(NamedTuple):
@@ -193,9 +196,10 @@ def delays(experiment: Experiment) -> Delay | None:
 
 
 def _law_and_sample(experiment):
-    """Signals, the torque (M, n) of the law, and the viscous friction of a delay of one sample.
+    """Signals, the torque (M, n) of the law, and the friction (n,) that looks like a delay.
 
-    The friction (n,) [N m s/rad] is what looks like such a delay. None of a law that cannot be run.
+    This is the viscous friction [N m s/rad] for one sample of delay. None of a law that cannot be
+    run, or whose torque the motion does not need.
     """
     signals = experiment.signals
     if not experiment.has_memory:
@@ -244,7 +248,8 @@ def shares_by_friction(experiment: Experiment, part: Floats) -> Iterator[tuple[f
 def delay_evidence(experiment: Experiment, joints: Joints) -> Any:
     """Log odds of late counts; None if torque is logged, because the score then shows them.
 
-    A law with memory is an exception: its lag behind the reference counts also with logged torque.
+    A law with memory that feeds the acceleration forward is an exception: there the lag behind the
+    reference is evidence, with a logged torque, too.
     """
     logged = experiment.signals.torque is not None
     if experiment.signals.reference is None:
@@ -291,13 +296,13 @@ def _delay_of_all(experiment, delay):
 def _of_all(values, stds):
     """Yield the size that the friction of several joints shows alike, with its log odds.
 
-    A single joint that moves may have another friction than the stated one. Sizes (n,) of joints
-    that show none are NaN.
+    A single joint may have another friction than the stated one, so at least two must show the size
+    beyond their standard deviations. The size (n,) of a joint at rest is NaN.
     """
     for value, gain in _common(values, stds):
-        joints = np.isfinite(values).sum()
         apart = np.nansum(((values - value) / stds) ** 2)
-        if joints > 1 and apart < SETTINGS.apart * joints:
+        shown = np.abs(values) > stds
+        if shown.sum() > 1 and apart < SETTINGS.apart * np.isfinite(values).sum():
             yield value, gain
 
 

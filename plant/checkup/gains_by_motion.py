@@ -141,7 +141,7 @@ def _driven_by_part(experiment: Experiment, stated: Experiment, part: Floats) ->
 
 
 def _share(equation: Equation, part: Floats) -> float:
-    """The share of a part that a torque lacks: with it, the motion leaves the least unexplained."""
+    """How many times a part is to be added to a torque, so that the motion explains most of it."""
     # It is slow to import.
     from scipy.linalg import eigh
 
@@ -166,7 +166,7 @@ def _share(equation: Equation, part: Floats) -> float:
 
 
 def all_gains_evidence(experiment: Experiment, joints: Joints) -> Iterator[tuple[float, float]]:
-    """Log odds of gains that are all wrong by a factor, by friction and by the least inertia."""
+    """Yield the factor by which all gains are wrong, as friction shows it, and its log odds."""
     gain = "gains" if gains_of(experiment.record.law, "gains") else "gain"
     if experiment.signals.torque is not None or not gains_of(experiment.record.law, gain):
         return
@@ -183,7 +183,7 @@ def all_gains(record: Any, joints: Joints, size: float) -> Any:
 
 
 def limit_evidence(experiment: Experiment, joints: Joints) -> Iterator[tuple[float, float]]:
-    """Log odds of a limit that is stated too low: the motion had the torque beyond it."""
+    """Yield how many times its stated limit the motion took of an amplifier, and its log odds."""
     if experiment.signals.torque is not None:
         return
     along = experiment.once(law_torque)

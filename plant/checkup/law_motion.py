@@ -30,7 +30,8 @@ class LawMotionSettings:
     significant : float
         Standard deviations from which on an estimated friction shows a scale of the torque.
     alike : float
-        Largest ratio of two frictions' scales that are one: friction is stated half to twice.
+        Ratio of the largest scale to the smallest up to which they are one: a stated friction is
+        half to twice the right one.
     """
 
     beside_limits: float = 5.0
@@ -50,7 +51,10 @@ def driven_by_law(experiment: Experiment) -> Experiment | None:
 
 
 def driven_without_limit(experiment: Experiment) -> Experiment | None:
-    """The same with amplifiers that limit nothing; None of a law that is not examined, too."""
+    """The log with the law's torque beside amplifiers that limit nothing as the logged one.
+
+    None where the law cannot be run, or is none whose gains are examined.
+    """
     along = experiment.once(law_torque)
     return None if along is None else _driven(experiment, along.torque)
 
@@ -96,9 +100,10 @@ def no_limit_alone(experiment: Experiment, record: Any) -> bool:
 
 
 def torque_scales(experiment: Experiment, joints: Joints) -> tuple[float, ...]:
-    """How many times the stated friction a motion has that the law's torque drives.
+    """Estimated over stated friction, where the law's torque drives the motion: one scale, or none.
 
-    Nothing where the scales of several frictions differ, or where the motion needs another torque.
+    None where the scales of several frictions differ, where no Coulomb friction shows one, or where
+    the motion needs another torque.
     """
     stated = experiment.once(driven_without_limit)
     if stated is None or (unexplained(stated) > SCORE.like).any():
@@ -114,7 +119,7 @@ def torque_scales(experiment: Experiment, joints: Joints) -> tuple[float, ...]:
             if getattr(motion, name) > SETTINGS.significant * getattr(motion, f"{name}_std")
         ]
 
-    # Late counts change the viscous friction alone.
+    # Late counts change the viscous friction alone, so that it shows no scale by itself.
     coulomb = significant("coulomb")
     scales = coulomb + significant("viscous")
     if not coulomb or max(scales) > SETTINGS.alike * min(scales):
@@ -123,7 +128,7 @@ def torque_scales(experiment: Experiment, joints: Joints) -> tuple[float, ...]:
 
 
 def law_periods(experiment: Experiment, joints: Joints) -> tuple[float, ...]:
-    """How many intervals of the log the law's period is, where it is another."""
+    """The law's stated period [intervals of the log], where it is not one interval."""
     period = getattr(experiment.record.law, "period", None)
     if not period or not experiment.has_memory:
         return ()

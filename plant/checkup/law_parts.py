@@ -22,10 +22,10 @@ GAINS = ("gain", "derivative", "integral", "position", "speed")
 
 
 def gains_of(law: Any, gain: str) -> tuple[str, ...]:
-    """Fields of a law that a gain of this name stands for; none of other laws.
+    """Fields of a law that a gain of this name stands for; none of a law that is not examined.
 
-    The gain of the error stands for all of them where a unit of torque, or of angle, is wrong:
-    "gains".
+    The name "gains" stands for all gains that make a torque, of a law that has several: they are
+    wrong together where a unit of torque, or of angle, is.
     """
     if not isinstance(law, (P, PD, Cascade)):
         return ()
@@ -38,7 +38,7 @@ def gains_of(law: Any, gain: str) -> tuple[str, ...]:
 
 
 def other_gains(gain: str) -> Callable[..., Any]:
-    """Divide a gain of the law, or all "gains", by a factor."""
+    """The function that divides a gain of the law, or all "gains", by a factor."""
 
     def undo(record, joints, size):
         names = gains_of(record.law, gain)
@@ -100,7 +100,7 @@ def law_torque(experiment: Experiment) -> LawTorque | None:
 
 
 def reads_the_log(experiment: Experiment) -> bool:
-    """Whether a torque is logged, and the law reads the log's counts and no others.
+    """Whether a torque is logged, and the law has the log's period.
 
     Between the rows of the log a faster law responds to counts that the log does not have.
     """

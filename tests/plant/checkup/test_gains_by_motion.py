@@ -1,6 +1,7 @@
 """Gains, limits and delays of a law in a log without a torque, by the motion that it drives."""
 
 import dataclasses
+import warnings
 
 import numpy as np
 import pytest
@@ -136,3 +137,16 @@ def test_a_limit_below_the_torque_is_named_at_its_joint(logs):
 def test_a_law_without_the_integral_that_made_the_log_shows_no_delay(logs):
     stated = dataclasses.replace(of_counts(logs["PID"]), law=LAWS["PD"])
     assert "late counts" not in {cause.name for cause in stated.check().causes}
+
+
+def test_a_joint_without_a_position_gain_shows_no_share_of_it(logs):
+    record = with_law(of_counts(logs["cascade"]), (1.0, 0.0), ["position"])
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert record.check().causes == ()
+
+
+def test_a_position_gain_that_is_nearly_right_is_right(logs):
+    record = of_counts(logs["cascade"])
+    begins_late = dataclasses.replace(record, valid=np.arange(len(record)) >= 100)
+    assert begins_late.check().causes == ()

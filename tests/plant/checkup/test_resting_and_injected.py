@@ -4,6 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
+from random_rigs import drawn
 
 from ctc import ComputedTorque
 from plant import (
@@ -21,10 +22,16 @@ from plant import (
     puma560,
     simulate,
 )
+from plant.checkup.delays import reference_delays
+from plant.checkup.gains_by_motion import single_gain_evidence
+from plant.checkup.score import Experiment
 
 ARM, RIG = puma560.arm(), puma560.rig()
 GAIN = puma560.p_law().gain
 LAW = PID(gain=GAIN, derivative=4e-3 * GAIN, integral=5 * GAIN, filter=2000.0, period=RIG.period)
+ONE_MOVES = Harmonics(
+    period=2.0, offset=(-0.8, 0.8), cosine=((0.3, 0.1), (0, 0)), sine=((0.2, -0.1), (0, 0))
+)
 
 
 def injected(t):
@@ -45,6 +52,25 @@ def test_what_was_injected_is_no_part_of_the_law_s_torque():
     gravity = np.array([ARM.inverse(q, still, still) for q in RIG.cell_centre(record.counts)])
     lacking = dataclasses.replace(record, torque=record.torque - gravity, current=None)
     assert names(lacking) == ["torque without gravity"]
+
+
+def test_what_was_injected_is_no_part_of_a_gain_s_torque():
+    case = drawn(17, torque=True)
+    rig, law, path = case.record.rig, case.record.law, case.record.reference
+    half = np.abs(case.record.torque).max(axis=0) / 2
+    record = simulate(
+        case.dynamics.arm(case.truth),
+        rig,
+        law,
+        path,
+        duration=2.0,
+        injected=lambda t: np.outer(np.sin(2 * np.pi * 2.7 * t), half),
+    )
+    stated = dataclasses.replace(law, gain=10 * np.array(law.gain))
+    wrong = dataclasses.replace(record, law=stated, torque=None, current=None)
+    ((size, odds),) = single_gain_evidence("gain")(Experiment(wrong), (0,))
+    assert size == pytest.approx(10, rel=0.02)
+    assert odds > 50
 
 
 @pytest.mark.filterwarnings("error")
@@ -77,10 +103,26 @@ def test_a_joint_whose_law_commands_nothing_hides_no_rate_of_another():
 
 
 def test_a_reference_at_rest_has_no_lag():
-    path = Harmonics(
-        period=2.0, offset=(-0.8, 0.8), cosine=((0.3, 0.1), (0, 0)), sine=((0.2, -0.1), (0, 0))
-    )
-    record = simulate(ARM, RIG, ComputedTorque(ARM, RIG), path, duration=2.0)
+    record = simulate(ARM, RIG, ComputedTorque(ARM, RIG), ONE_MOVES, duration=2.0)
     checkup = dataclasses.replace(record, torque=None, current=None).check()
     delays = [finding for finding in checkup.findings if finding.check == "delay"]
     assert [finding.value is None for finding in delays] == [False, True]
+
+
+def test_friction_of_the_one_joint_that_moves_is_no_delay():
+    record = simulate(ARM, RIG, LAW, ONE_MOVES, duration=1.5)
+    guess = dataclasses.replace(RIG.drive, viscous=0.3 * RIG.drive.viscous)
+    rig = dataclasses.replace(RIG, drive=guess)
+    assert names(dataclasses.replace(record, rig=rig, torque=None, current=None)) == []
+
+
+def test_a_reference_at_rest_hides_no_delay_of_all():
+    record = simulate(ARM, RIG, puma560.p_law(), ONE_MOVES, duration=1.5)
+    rows = np.clip(np.arange(len(record)) - 10, 0, None)
+    pulses = record.reference_pulses[rows]
+    late = dataclasses.replace(
+        record, reference=None, reference_pulses=pulses, error_pulses=pulses - record.counts
+    )
+    experiment = Experiment(late)
+    assert 10 in reference_delays(experiment, ())
+    assert reference_delays(experiment, (1,)) == ()
