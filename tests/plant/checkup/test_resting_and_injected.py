@@ -22,9 +22,7 @@ from plant import (
     puma560,
     simulate,
 )
-from plant.checkup.delays import reference_delays
-from plant.checkup.gains_by_motion import single_gain_evidence
-from plant.checkup.score import Experiment
+from plant.checkup import TABLE, Experiment
 
 ARM, RIG = puma560.arm(), puma560.rig()
 GAIN = puma560.p_law().gain
@@ -37,6 +35,11 @@ ONE_MOVES = Harmonics(
 def injected(t):
     waves = np.outer(t, 2 * np.pi * np.array((1.3, 1.9)))
     return (40, 20) * np.sin(waves)
+
+
+def row(name, joints):
+    """The row of the table that asks for one mistake of these joints."""
+    return next(row for row in TABLE if row.name == name and joints in row.scope(2))
 
 
 def names(record):
@@ -68,7 +71,7 @@ def test_what_was_injected_is_no_part_of_a_gain_s_torque():
     )
     stated = dataclasses.replace(law, gain=10 * np.array(law.gain))
     wrong = dataclasses.replace(record, law=stated, torque=None, current=None)
-    ((size, odds),) = single_gain_evidence("gain")(Experiment(wrong), (0,))
+    ((size, odds),) = row("gain alone", (0,)).evidence(Experiment(wrong), (0,))
     assert size == pytest.approx(10, rel=0.02)
     assert odds > 50
 
@@ -124,5 +127,6 @@ def test_a_reference_at_rest_hides_no_delay_of_all():
         record, reference=None, reference_pulses=pulses, error_pulses=pulses - record.counts
     )
     experiment = Experiment(late)
-    assert 10 in reference_delays(experiment, ())
-    assert reference_delays(experiment, (1,)) == ()
+    together, second = (row("late references", joints) for joints in ((), (1,)))
+    assert 10 in together.suggested(experiment, ())
+    assert second.suggested(experiment, (1,)) == ()
