@@ -16,7 +16,7 @@ from plant.checkup.along_log import (
     driven,
 )
 from plant.checkup.hypothesis import Joints, columns_of
-from plant.checkup.law_motion import driven_without_limit
+from plant.checkup.law_motion import driven_by_law, driven_without_limit
 from plant.checkup.law_parts import (
     LawTorque,
     gains_of,
@@ -254,14 +254,18 @@ def _plausible(stated: Experiment, law: Any, gain: str, joints: Joints) -> bool:
 
 def _by_motion(experiment: Experiment, gain: str, joints: Joints, size: float) -> float:
     """How much likelier the motion is with the law's torque without a mistake of this size."""
-    stated = experiment.once(driven_without_limit)
-    if stated is None or _plausible(stated, experiment.record.law, gain, joints):
+    stated, limited = (experiment.once(each) for each in (driven_without_limit, driven_by_law))
+    law = experiment.record.law
+    if stated is None or _plausible(stated, law, gain, joints):
+        return -np.inf
+    # In a limit cycle of large gains the amplifiers make the torque that drives the motion.
+    if limited is not None and _plausible(limited, law, gain, joints):
         return -np.inf
     along = experiment.once(law_torque)
     torque = along.without(gain, joints, size)
     corrected = stated.changed(driven(stated.record, experiment.signals, torque))
     # A factor that is no unit's gives a motor that cannot be, either.
-    if not _plausible(corrected, experiment.record.law, "gains", joints):
+    if not _plausible(corrected, law, "gains", joints):
         return -np.inf
     if not experiment.has_memory:
         return by_friction(experiment, other_gains(gain)(experiment.record, joints, size))

@@ -13,7 +13,7 @@ from plant.checkup.along_log import comparable_torques
 from plant.checkup.filtered import centred
 from plant.checkup.gain_units import SETTINGS as UNITS
 from plant.checkup.hypothesis import Joints, columns_of
-from plant.checkup.law_parts import other_gains, reads_the_log
+from plant.checkup.law_parts import gains_of, other_gains, reads_the_log
 from plant.checkup.score import SETTINGS as SCORE
 from plant.checkup.score import Experiment, shares
 from plant.checkup.sizes import regressed
@@ -25,7 +25,7 @@ from plant.parts import Floats
 
 def integral_evidence(experiment: Experiment, joints: Joints) -> Iterator[tuple[float, float]]:
     """Log odds of another integral gain: how many times the right one it is."""
-    if not reads_the_log(experiment) or not hasattr(experiment.record.law, "integral"):
+    if not reads_the_log(experiment) or not gains_of(experiment.record.law, "integral"):
         return
     without = experiment.changed(without_integral(experiment.record, joints, 1.0))
     factor = _factor(experiment, without, joints)
@@ -37,7 +37,7 @@ def integral_evidence(experiment: Experiment, joints: Joints) -> Iterator[tuple[
 
 def no_integral_evidence(experiment: Experiment, joints: Joints) -> Iterator[tuple[float, float]]:
     """Log odds of a log whose law had no integral."""
-    if reads_the_log(experiment) and hasattr(experiment.record.law, "integral"):
+    if reads_the_log(experiment) and gains_of(experiment.record.law, "integral"):
         changed = experiment.changed(without_integral(experiment.record, joints, 1.0))
         yield 1.0, _likelier(experiment, changed, joints)
 
