@@ -16,6 +16,7 @@ from plant.checkup.along_log import (
     driven,
 )
 from plant.checkup.hypothesis import Joints, columns_of
+from plant.checkup.law_motion import SETTINGS as MOTION
 from plant.checkup.law_motion import driven_by_law, driven_without_limit
 from plant.checkup.law_parts import (
     LawTorque,
@@ -41,9 +42,9 @@ class GainUnitSettings:
     ----------
     least : float
         Factor, or its inverse, from which on a gain is in another unit, and no other gain.
-    unexplained, unmoved : float
-        Shares of the torque of the stated law that the logged torque, or the motion, leaves
-        unexplained, below which the gains are not examined.
+    unexplained : float
+        Share of the torque of the stated law that the logged torque leaves unexplained, below which
+        the gains are not examined.
     least_inertia, inertia : float
         Inertias at the motor [rotor inertias] between which they are not, either.
     deviations : float
@@ -54,7 +55,6 @@ class GainUnitSettings:
 
     least: float = 50.0
     unexplained: float = 0.05
-    unmoved: float = 2e-3
     least_inertia: float = 0.5
     inertia: float = 60.0
     deviations: float = 4.0
@@ -239,7 +239,7 @@ def _unexplained(logged, torque):
 def _plausible(stated: Experiment, law: Any, gain: str, joints: Joints) -> bool:
     """Whether the law's torque drives these joints, or any of all, as it drives a motor."""
     motions = stated.motions
-    if motions is None or any(motion.unexplained >= SETTINGS.unmoved for motion in motions):
+    if motions is None or any(motion.unexplained >= MOTION.unmoved for motion in motions):
         return False
     # One of several gains in another unit gives a torque that no inertia explains.
     if gains_of(law, "gains") and gain != "gains":

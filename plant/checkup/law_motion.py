@@ -11,7 +11,7 @@ import numpy as np
 
 from plant.checkup.along_log import SETTINGS as ALONG_LOG
 from plant.checkup.along_log import driven, sample_times
-from plant.checkup.hypothesis import Joints
+from plant.checkup.hypothesis import Joints, columns_of
 from plant.checkup.law_parts import law_torque
 from plant.checkup.score import SETTINGS as SCORE
 from plant.checkup.score import Experiment
@@ -25,18 +25,21 @@ class LawMotionSettings:
 
     Parameters
     ----------
+    unmoved : float
+        Share of the torque of a right law that the motion leaves unexplained, at most.
     beside_limits : float
         Log odds of other gains beside amplifiers without limits, from which on gains are wrong.
     significant : float
         Standard deviations from which on an estimated friction shows a scale of the torque.
-    alike : float
-        Ratio of the largest scale to the smallest up to which they are one: a stated friction is
-        half to twice the right one.
+    friction : float
+        Factor up to which a stated friction is right: its scale is no scale of the torque, and the
+        scales of two frictions may differ by its square.
     """
 
+    unmoved: float = 2e-3
     beside_limits: float = 5.0
     significant: float = 4.0
-    alike: float = 4.0
+    friction: float = 2.0
 
 
 SETTINGS = LawMotionSettings()
@@ -85,6 +88,22 @@ def likelier_motion(experiment: Experiment, record: Any) -> float:
     return corrected.score - stated.score
 
 
+def contradicted_by_motion(stated: Experiment, changed: Experiment, joints: Joints) -> bool:
+    """Whether the stated law drives the motion of a log without a torque, and a changed one not.
+
+    A loop that lags far behind its reference follows it as one of another scale does: its torque
+    tells them apart.
+    """
+    if stated.signals.torque is not None or not stated.has_memory:
+        return False
+    before, after = (each.once(driven_by_law) for each in (stated, changed))
+    if before is None or after is None:
+        return False
+    drives = unexplained(before) < SETTINGS.unmoved
+    lacks = unexplained(after) > SETTINGS.unmoved
+    return bool((drives & lacks)[columns_of(joints)].any())
+
+
 def no_limit_alone(experiment: Experiment, record: Any) -> bool:
     """Whether other gains explain a motion better than amplifiers that limit nothing.
 
@@ -102,8 +121,8 @@ def no_limit_alone(experiment: Experiment, record: Any) -> bool:
 def torque_scales(experiment: Experiment, joints: Joints) -> tuple[float, ...]:
     """Estimated over stated friction, where the law's torque drives the motion: one scale, or none.
 
-    None where the scales of several frictions differ, where no Coulomb friction shows one, or where
-    the motion needs another torque.
+    None where the stated friction may be right, where the scales of several frictions differ, where
+    no Coulomb friction shows one, or where the motion needs another torque.
     """
     stated = experiment.once(driven_without_limit)
     if stated is None or (unexplained(stated) > SCORE.like).any():
@@ -122,9 +141,10 @@ def torque_scales(experiment: Experiment, joints: Joints) -> tuple[float, ...]:
     # Late counts change the viscous friction alone, so that it shows no scale by itself.
     coulomb = significant("coulomb")
     scales = coulomb + significant("viscous")
-    if not coulomb or max(scales) > SETTINGS.alike * min(scales):
+    if not coulomb or max(scales) > SETTINGS.friction**2 * min(scales):
         return ()
-    return (float(np.exp(np.median(np.log(scales)))),)
+    scale = float(np.exp(np.median(np.log(scales))))
+    return () if 1 / SETTINGS.friction < scale < SETTINGS.friction else (scale,)
 
 
 def law_periods(experiment: Experiment, joints: Joints) -> tuple[float, ...]:

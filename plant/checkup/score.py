@@ -268,9 +268,9 @@ class Experiment:
         commanded = self.commanded_at(rows)
         if commanded is None:
             return None
-        return centred(self._limited(commanded)), centred(signals.torque[rows])
+        return centred(self.limited(commanded)), centred(signals.torque[rows])
 
-    def _limited(self, commanded):
+    def limited(self, commanded: Floats) -> Floats:
         """Motor torque (K, n) of amplifiers that limit the commanded one."""
         drive = self.record.rig.drive
         return np.asarray(drive.motor_torque(drive.limited(drive.joint_torque(commanded))))
@@ -299,7 +299,7 @@ class Experiment:
         commanded = self.commanded
         if commanded is None:
             return None
-        limited = self._limited(commanded)
+        limited = self.limited(commanded)
         # A few peaks beyond the limit come from late or noisy counts. The limit is applied only if
         # most commands of a joint are beyond it.
         share = np.mean(~np.isclose(commanded, limited), axis=0)

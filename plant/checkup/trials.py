@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from plant.checkup.hypothesis import Candidate, Hypothesis, columns_of
+from plant.checkup.law_motion import contradicted_by_motion
 from plant.checkup.score import SETTINGS, Experiment
 from plant.checkup.without_arm import TABLE
 
@@ -63,6 +64,8 @@ class Trials:
                 if hypothesis.scored:
                     gain = max(gain, experiment.gain(undone, gain))
             odds = gain - hypothesis.against
+            if odds > 0 and contradicted_by_motion(experiment, changed(size), joints):
+                continue
             words = {**names, **_shift(size), "inverse": 1 / size if size else np.inf}
             yield Candidate(hypothesis, joints, size, odds, partial(changed, size), words)
 

@@ -53,7 +53,9 @@ def zero_evidence(experiment: Experiment, joints: Joints) -> Any:
     # A joint that stands, and one whose torque does not change, show none.
     if not scale * gain:
         return ()
-    least = np.mean((logged - law * (law @ logged) / (law @ law)) ** 2)
+    # What the amplifiers cut off of a torque is no constant, either.
+    without = law, experiment.limited(commanded)[:, chosen].ravel()
+    least = min(np.mean((logged - x * (x @ logged) / (x @ x)) ** 2) for x in without)
     beside = np.mean((logged - scale * law - constant) ** 2)
     floor = SCORE.another_zero * np.mean(logged**2)
     odds = experiment.filter.equations / 2 * np.log((least + floor) / (beside + floor))
