@@ -99,9 +99,9 @@ def contradicted_by_motion(stated: Experiment, changed: Experiment, joints: Join
     before, after = (each.once(driven_by_law) for each in (stated, changed))
     if before is None or after is None:
         return False
-    drives = unexplained(before) < SETTINGS.unmoved
-    lacks = unexplained(after) > SETTINGS.unmoved
-    return bool((drives & lacks)[columns_of(joints)].any())
+    chosen = columns_of(joints)
+    drives, lacks = unexplained(before) < SETTINGS.unmoved, unexplained(after) > SETTINGS.unmoved
+    return bool(drives[chosen].all() and lacks[chosen].any())
 
 
 def no_limit_alone(experiment: Experiment, record: Any) -> bool:
