@@ -153,8 +153,8 @@ def _reference_delay(experiment):
             for each in (experiment, later)
         )
     else:
-        commanded = map(experiment.limited, (experiment.commanded, later.commanded))
-        law, moved, logged = map(centred, (*commanded, experiment.signals.torque))
+        columns = experiment.commanded, experiment.signals.torque, later.commanded
+        law, logged, moved = map(centred, columns)
     delay = regressed(logged - law, moved - law)
     # A reference that rests is late by nothing, or by anything.
     return np.where((moved != law).any(axis=0), delay, np.nan)

@@ -42,7 +42,9 @@ class MotionSettings:
     one_factor : float
         Largest ratio of the factors of a gain at several joints that are one.
     explained : float
-        Part of that share below which a corrected gain must bring it.
+        Part of the unexplained share of a torque below which a corrected gain must bring it.
+    surely : float
+        The same where a share stays that is above that of a right law.
     passes : int
         Fits of a gain, each without the rows that are far from the one before.
     outlying : float
@@ -53,6 +55,7 @@ class MotionSettings:
 
     one_factor: float = 1.5
     explained: float = 0.2
+    surely: float = 0.05
     passes: int = 3
     outlying: float = 6.0
     beyond: float = 10.0
@@ -96,10 +99,10 @@ def _by_motion(experiment: Experiment, joints: Joints, gain: str) -> Iterator[tu
     if corrected is None:
         return
     before, after = (unexplained(each)[chosen] for each in (stated, corrected))
-    # Near the amplifiers' limits the torque between two rows is another one than theirs: what then
-    # explains more of the motion is not yet right.
-    right = (after < MOTION.unmoved).all()
-    if right and after.sum() < SETTINGS.explained * before.sum():
+    # The torque of a limit cycle is another one between two rows: what then explains more of the
+    # motion is not yet right.
+    right = after < np.maximum(MOTION.unmoved, SETTINGS.surely * before)
+    if right.all() and after.sum() < SETTINGS.explained * before.sum():
         yield 1 / factor, likelier_motion(experiment, record)
 
 
