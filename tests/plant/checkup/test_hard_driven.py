@@ -1,0 +1,45 @@
+"""Right logs of loops that lag far behind, or whose amplifiers are at their limits."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from random_rigs import drawn
+
+from plant import simulate
+
+GAINS = ("gain", "derivative", "speed", "integral")
+
+
+def hard_driven(seed, factor, limit, torque):
+    """A right log of a drawn machine, with larger gains and smaller limits."""
+    case = drawn(seed, torque=True)
+    rig, law = case.record.rig, case.record.law
+    gains = {name: factor * np.array(getattr(law, name)) for name in GAINS if hasattr(law, name)}
+    drive = dataclasses.replace(rig.drive, current_limit=limit * np.array(rig.drive.current_limit))
+    record = simulate(
+        case.dynamics.arm(case.truth[: len(case.dynamics.names)]),
+        dataclasses.replace(rig, drive=drive),
+        dataclasses.replace(law, **gains),
+        case.record.reference,
+        duration=2.0,
+    )
+    return record if torque else dataclasses.replace(record, torque=None, current=None)
+
+
+@pytest.mark.parametrize(
+    ("seed", "factor", "limit", "torque"),
+    [
+        pytest.param(11, 30, 1.0, False, id="cascade in a limit cycle"),
+        pytest.param(22, 10, 0.3, False, id="PD at its limit"),
+        pytest.param(24, 30, 1.0, False, id="PID in a limit cycle"),
+        pytest.param(24, 10, 0.3, False, id="PID at its limit"),
+        pytest.param(6, 30, 1.0, True, id="PID in a limit cycle, with a torque"),
+        pytest.param(25, 10, 0.3, False, id="cascade far behind"),
+        pytest.param(26, 3, 1.0, False, id="cascade that follows to three quarters"),
+        pytest.param(27, 1, 0.25, True, id="P at its limit, with a torque"),
+        pytest.param(5, 1, 1.0, False, id="friction of a PD to half"),
+    ],
+)
+def test_a_right_log_of_a_hard_driven_loop_has_no_cause(seed, factor, limit, torque):
+    assert [cause.name for cause in hard_driven(seed, factor, limit, torque).check().causes] == []
