@@ -18,6 +18,7 @@ from plant.checkup.hypothesis import (
     ranking,
     require_rows,
 )
+from plant.checkup.law_motion import runs_away
 from plant.checkup.lost_rows import MOST, all_bridged, lost_rows, repeats_bridged
 from plant.checkup.oscillation import oscillation_findings
 from plant.checkup.quantisation import count_unit_findings, noisy, quantisation_findings
@@ -235,6 +236,9 @@ def _examined(record, hypotheses, labels):
     result, spoiled, counts = as_it_is, False, list[Finding]()
     bridged = Experiment(all_bridged(record, lost))
     ranked = signals.long_enough and not signals.angular.any()
+    # Counts of a motor that is too weak for its load show no mistake of the log.
+    if signals.torque is not None:
+        ranked &= not runs_away(bridged).any()
     if ranked and all(finding.ok for finding in copied):
         # Counts that jump, stick or are cut off feign delays and scale errors.
         counts = [*counts_findings(signals, Signals(repeats_bridged(record, lost)))]

@@ -70,6 +70,15 @@ class Unit(NamedTuple):
     between: str
     ratio: Callable[[Any], Any]
 
+    def ratios(self, experiment: Experiment, joints: Joints) -> tuple[float, ...]:
+        """The ratio of these joints, and its inverse; none where it differs, or is no unit's."""
+        ratios = np.broadcast_to(self.ratio(experiment.record.rig), experiment.n)
+        ratio = ratios[columns_of(joints)]
+        # Joints that have several ratios, as of their gears, have rows of their own.
+        if np.ptp(ratio) > 1e-9 * ratio[0] or not ratio[0] > SETTINGS.least:
+            return ()
+        return float(ratio[0]), 1 / float(ratio[0])
+
 
 _ANGLES = (
     Unit("radians and degrees", lambda rig: 180 / np.pi),
@@ -137,14 +146,9 @@ def unit_evidence(gain: str, unit: Unit) -> Callable[..., Iterator[tuple[float, 
     def evidence(experiment: Experiment, joints: Joints) -> Iterator[tuple[float, float]]:
         if not gains_of(experiment.record.law, gain):
             return
-        ratios = np.broadcast_to(unit.ratio(experiment.record.rig), experiment.n)
-        ratio = ratios[columns_of(joints)]
-        # Joints that have several ratios, as of their gears, have rows of their own.
-        if np.ptp(ratio) > 1e-9 * ratio[0] or not ratio[0] > SETTINGS.least:
-            return
         gained = _by_torque if experiment.signals.torque is not None else _by_motion
-        large, small = float(ratio[0]), 1 / float(ratio[0])
-        for size in (large, small) if _dominates(experiment, gain, joints) else (small,):
+        sizes = unit.ratios(experiment, joints)
+        for size in sizes if _dominates(experiment, gain, joints) else sizes[1:]:
             yield size, gained(experiment, gain, joints, size)
 
     return evidence
@@ -262,6 +266,11 @@ def _by_motion(experiment: Experiment, gain: str, joints: Joints, size: float) -
     if limited is not None and _plausible(limited, law, gain, joints):
         return -np.inf
     along = experiment.once(law_torque)
+    drive = experiment.record.rig.drive
+    beyond = np.abs(along.torque) > drive.motor_gain * drive.current_limit
+    # A gain that is too small takes no motor to its limit.
+    if size < 1 and (beyond.mean(axis=0)[columns_of(joints)] > MOTION.at_limit).any():
+        return -np.inf
     torque = along.without(gain, joints, size)
     corrected = stated.changed(driven(stated.record, experiment.signals, torque))
     # A factor that is no unit's gives a motor that cannot be, either.

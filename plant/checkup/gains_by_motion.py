@@ -5,6 +5,7 @@ torque: the motion explains the right sum of the parts, and no other. The scale 
 follows from the friction that the drive states.
 """
 
+import functools
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from typing import Any
@@ -14,6 +15,7 @@ import numpy as np
 from plant.checkup.along_log import driven
 from plant.checkup.delays import shares_by_friction
 from plant.checkup.filtered import centred
+from plant.checkup.gain_units import UNITS, Unit, unit_evidence
 from plant.checkup.hypothesis import Joints, columns_of
 from plant.checkup.integrals import integral_evidence
 from plant.checkup.law_motion import SETTINGS as MOTION
@@ -70,10 +72,49 @@ def single_gain_evidence(gain: str) -> Callable[..., Any]:
     def evidence(experiment: Experiment, joints: Joints) -> Any:
         if experiment.signals.torque is not None:
             return integral_evidence(experiment, joints) if gain == "integral" else None
-        # What an integral held before the log is unknown, and gravity looks like it.
-        return () if gain == "integral" else _by_motion(experiment, joints, gain)
+        # A factor between two units is named with them.
+        return (
+            (size, odds)
+            for size, odds in experiment.once(_sizes_by_motion(gain, joints))
+            if not any(_same(size, ratio) for ratio in _ratios(experiment, gain, joints))
+        )
 
     return evidence
+
+
+def unit_of_gain_evidence(gain: str, unit: Unit) -> Callable[..., Any]:
+    """Evidence of a gain in another unit: that of the unit alone, or of a factor that is its."""
+    by_unit = unit_evidence(gain, unit)
+
+    def evidence(experiment: Experiment, joints: Joints) -> Any:
+        odds_of = dict(by_unit(experiment, joints))
+        if experiment.signals.torque is None:
+            for size, odds in experiment.once(_sizes_by_motion(gain, joints)):
+                for ratio in unit.ratios(experiment, joints):
+                    if _same(size, ratio):
+                        odds_of[ratio] = max(odds, odds_of.get(ratio, -np.inf))
+        return tuple(odds_of.items())
+
+    return evidence
+
+
+def _ratios(experiment, gain, joints):
+    """Ratios of the units that are mistaken for that of a gain, and their inverses."""
+    units = UNITS.get(gain, ((), ""))[0]
+    return [ratio for unit in units for ratio in unit.ratios(experiment, joints)]
+
+
+def _same(size, ratio):
+    return abs(size / ratio - 1) < SIZES.relevant
+
+
+@functools.cache
+def _sizes_by_motion(gain: str, joints: Joints) -> Callable[..., tuple[tuple[float, float], ...]]:
+    """The quantity of an experiment: sizes of a mistake in one gain with their log odds."""
+    # What an integral held before the log is unknown, and gravity looks like it.
+    if gain in ("integral", "gains"):
+        return lambda experiment: ()
+    return lambda experiment: tuple(_by_motion(experiment, joints, gain))
 
 
 def _by_motion(experiment: Experiment, joints: Joints, gain: str) -> Iterator[tuple[float, float]]:

@@ -15,8 +15,9 @@ from plant.checkup.hypothesis import Joints, columns_of
 from plant.checkup.law_parts import law_torque
 from plant.checkup.score import SETTINGS as SCORE
 from plant.checkup.score import Experiment
+from plant.checkup.sizes import SETTINGS as SIZES
 from plant.checkup.undo import other_law_period
-from plant.parts import Floats
+from plant.parts import Bools, Floats
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -27,6 +28,14 @@ class LawMotionSettings:
     ----------
     unmoved : float
         Share of the torque of a right law that the motion leaves unexplained, at most.
+    undriven : float
+        Share from which on a torque does not drive the motion.
+    falling : float
+        Share of the samples that a motor is at one of its limits, from which on its joint runs
+        away.
+    at_limit : float
+        Share of the samples that a law commands more than its amplifier gives, from which on its
+        gains are not too small.
     beside_limits : float
         Log odds of other gains beside amplifiers without limits, from which on gains are wrong.
     significant : float
@@ -37,6 +46,9 @@ class LawMotionSettings:
     """
 
     unmoved: float = 2e-3
+    undriven: float = 0.05
+    falling: float = 0.75
+    at_limit: float = 0.2
     beside_limits: float = 5.0
     significant: float = 4.0
     friction: float = 2.0
@@ -88,20 +100,47 @@ def likelier_motion(experiment: Experiment, record: Any) -> float:
     return corrected.score - stated.score
 
 
-def contradicted_by_motion(stated: Experiment, changed: Experiment, joints: Joints) -> bool:
-    """Whether the stated law drives the motion of a log without a torque, and a changed one not.
+def runs_away(experiment: Experiment) -> Bools:
+    """Whether each motor (n,) is at the same limit of its amplifier for most of the log.
 
-    A loop that lags far behind its reference follows it as one of another scale does: its torque
-    tells them apart.
+    One that is too weak for its load is, and its counts follow nothing. The torque is the logged
+    one, or else that of the law.
     """
-    if stated.signals.torque is not None or not stated.has_memory:
+    drive, torque = experiment.record.rig.drive, experiment.signals.torque
+    if torque is None and experiment.has_memory:
+        along = experiment.torque_along
+        torque = None if along is None else drive.motor_torque(along)
+    elif torque is None:
+        torque = experiment.commanded
+    if torque is None:
+        return np.zeros(experiment.n, dtype=bool)
+    limit = (1 - SIZES.at_limit) * drive.motor_gain * drive.current_limit
+    at_one = np.maximum((torque >= limit).mean(axis=0), (torque <= -limit).mean(axis=0))
+    return np.asarray(at_one > SETTINGS.falling)
+
+
+def contradicted_by_motion(stated: Experiment, changed: Experiment, joints: Joints) -> bool:
+    """Whether the motion of a log without a torque contradicts a change of the log.
+
+    The stated law drives the motion, and the changed one not: a loop that lags far behind its
+    reference follows it as one of another scale does. Or neither drives a joint that runs away.
+    """
+    if stated.signals.torque is not None:
         return False
-    before, after = (each.once(driven_by_law) for each in (stated, changed))
-    if before is None or after is None:
+    # The score has the torque of a law without memory.
+    before, after = (
+        each.once(driven_by_law) if each.has_memory else each for each in (stated, changed)
+    )
+    if before is None or before.motions is None or after is None or after.motions is None:
         return False
     chosen = columns_of(joints)
-    drives, lacks = unexplained(before) < SETTINGS.unmoved, unexplained(after) > SETTINGS.unmoved
-    return bool(drives[chosen].all() and lacks[chosen].any())
+    away = runs_away(stated)[chosen]
+    left, still_left = (unexplained(each)[chosen] for each in (before, after))
+    undriven = runs_away(changed)[chosen] | (still_left > SETTINGS.undriven)
+    if (away & undriven).any():
+        return True
+    drives = (left < SETTINGS.unmoved).all()
+    return bool(stated.has_memory and drives and (still_left > SETTINGS.unmoved).any())
 
 
 def no_limit_alone(experiment: Experiment, record: Any) -> bool:

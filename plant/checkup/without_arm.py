@@ -27,12 +27,13 @@ from plant.checkup.delays import (
     reference_delays,
     torque_delays,
 )
-from plant.checkup.gain_units import UNITS, gain_sizes, unit_evidence
+from plant.checkup.gain_units import UNITS, gain_sizes
 from plant.checkup.gains_by_motion import (
     all_gains,
     all_gains_evidence,
     limit_evidence,
     single_gain_evidence,
+    unit_of_gain_evidence,
 )
 from plant.checkup.hypothesis import Hypothesis, Joints, each_joint, pairs
 from plant.checkup.integrals import lacking_integral_evidence, no_integral_evidence
@@ -507,7 +508,7 @@ def _gain_units() -> Iterator[Hypothesis[Any]]:
                     undo=other_gains(gain),
                     measurement=_BLOCKED,
                     scope=scope,
-                    evidence=unit_evidence(gain, unit),
+                    evidence=unit_of_gain_evidence(gain, unit),
                     against=8.0,
                 )
 

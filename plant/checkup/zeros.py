@@ -20,10 +20,19 @@ def median_errors(experiment: Experiment, joints: Joints) -> tuple[float, ...]:
     if experiment.signals.reference is None:
         return ()
     chosen = columns_of(joints)
+    # Counts that follow nothing, as of an arm that falls, have no zero.
+    if (_moves(experiment) & (experiment.tracking > SCORE.unlike))[chosen].any():
+        return ()
     error = (np.asarray(experiment.signals.reference) - experiment.signals.counts)[:, chosen]
     middle = float(np.median(error))
     changes = 0.0 if experiment.has_memory else float(np.sqrt(np.mean((error - middle) ** 2)))
     return (middle,) if abs(middle) > max(1.0, SCORE.shifted * changes) else ()
+
+
+def _moves(experiment):
+    """Whether the reference of each joint (n,) moves."""
+    speeds = [experiment.filtered("reference", i).speed for i in range(experiment.n)]
+    return np.square(speeds).mean(axis=1) > experiment.filter.speed_noise
 
 
 def zero_evidence(experiment: Experiment, joints: Joints) -> Any:
