@@ -13,9 +13,11 @@ from typing import NamedTuple
 
 import numpy as np
 
+from plant.checkup.along_log import at_times, sample_times, torque_along
 from plant.checkup.finding import Check, Finding
 from plant.checkup.quantisation import noted_steps
 from plant.checkup.signals import Signals
+from plant.laws import PD, Cascade
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -114,26 +116,40 @@ def rounding_log_odds(signals: Signals) -> float | None:
     if not signals.long_enough:
         return None
     torque = signals.motor_torque
-    if torque is None and signals.reference is not None:
-        # Without a torque the error stands in: that of a P law is proportional to it.
-        torque = signals.reference - signals.counts
-    torque = np.zeros((len(signals.t), 1)) if torque is None else torque
+    if torque is None:
+        torque = _torque_of_law(signals)
 
     # Windows need all rows: those without weight go on straight lines, rounded.
-    valid = np.flatnonzero(signals.record.valid > 0)
+    valid = np.flatnonzero(signals.record.valid > 0)[: len(torque)]
     rows = np.arange(valid[0], valid[-1] + 1)
     measured = np.isin(rows, valid)
     columns = [np.interp(rows, valid, column) for column in torque.T]
     forces = np.column_stack([_scaled(column) for column in columns])
     # All joints have one convention, so the logarithms of their odds are added.
     log_odds = []
-    for column in signals.counts.T:
+    for column in signals.counts[: len(valid)].T:
         counts = np.interp(rows, valid, column)
         counts = np.where(measured, counts, np.round(counts))
         odds = _log_odds(counts, forces)
         if odds is not None:
             log_odds.append(odds)
     return float(sum(log_odds)) if log_odds else None
+
+
+def _torque_of_law(signals):
+    """Motor torque of the law in the first rows (M, n), or what stands in for it."""
+    if signals.reference is None:
+        return np.zeros((len(signals.t), 1))
+    law, drive = signals.record.law, signals.rig.drive
+    # Laws that read angles, not pulses, have a step at zero themselves where cells are wide.
+    reads_pulses = isinstance(law, (PD, Cascade))
+    along = torque_along(signals, law, signals.rig) if reads_pulses else None
+    if along is None:
+        # The torque of a P law is proportional to the error.
+        return signals.reference - signals.counts
+    times = sample_times(signals, len(along))
+    t = signals.t[signals.t <= times[-1]]
+    return drive.motor_torque(at_times(t, times, along))
 
 
 def _scaled(force):
@@ -185,7 +201,10 @@ def _steps(counts, forces, half):
     if len(counts) < 4 * half:
         return
     speed = np.pad(np.abs(counts[2 * half :] - counts[: -2 * half]) / (2 * half), half)
-    zeros = np.flatnonzero(np.diff(counts >= 0) & (speed[1:] > SETTINGS.slow))
+    # A joint that starts or stops within a window changes its friction, which no torque shows.
+    moved = np.abs(counts[half:] - counts[:-half]) / half > SETTINGS.slow
+    moving = np.pad(moved[half:] & moved[:-half], half)
+    zeros = np.flatnonzero(np.diff(counts >= 0) & (speed[1:] > SETTINGS.slow) & moving[1:])
     # A joint that rattles about zero counts once.
     zeros = zeros[np.diff(zeros, prepend=-half) >= half]
     if not len(zeros):
@@ -193,7 +212,7 @@ def _steps(counts, forces, half):
 
     # 2. Crossings of other counts at such speeds, so far from zero that no window holds it.
     alike = (speed >= speed[zeros].min() / SETTINGS.alike) & (speed > SETTINGS.slow)
-    alike &= speed <= speed[zeros].max() * SETTINGS.alike
+    alike &= (speed <= speed[zeros].max() * SETTINGS.alike) & moving
     away = np.abs(counts) > 2 * half * np.maximum(speed, 1)
     crossings = np.flatnonzero((alike & away)[:-1] & (np.diff(counts) != 0))
     # Spread over the log, and not more than are needed.
