@@ -165,12 +165,15 @@ class Delay(NamedTuple):
 
     `by_jerk`: of the torque that grows with the jerk of late counts. `by_speed`: of the torque that
     grows with their speed, beyond the stated viscous friction, which may be another by a factor.
+    `viscous`: all of that torque as friction [N m s/rad], below zero where counts are early, or the
+    equation of motion lacks a torque.
     """
 
     by_jerk: Floats
     jerk_std: Floats
     by_speed: Floats
     speed_std: Floats
+    viscous: Floats
 
 
 def delays(experiment: Experiment) -> Delay | None:
@@ -184,14 +187,15 @@ def delays(experiment: Experiment) -> Delay | None:
     if law is None:
         return None
     signals, torque, per_sample = law
-    columns = np.full((4, experiment.n), np.nan)
+    columns = np.full((5, experiment.n), np.nan)
     stated = experiment.record.rig.drive.viscous
     for i in range(experiment.n):
         fit = TorqueRegression.of(signals, torque, i)
         if fit is not None and per_sample[i]:
             spread = np.hypot(fit.viscous_std, SETTINGS.viscous_spread * stated[i])
             speed = (fit.viscous - stated[i]) / per_sample[i]
-            columns[:, i] = fit.delay, fit.delay_std, speed, spread / per_sample[i]
+            speed_std = spread / per_sample[i]
+            columns[:, i] = fit.delay, fit.delay_std, speed, speed_std, fit.viscous
     return Delay(*columns)
 
 
@@ -268,6 +272,9 @@ def delay_evidence(experiment: Experiment, joints: Joints) -> Any:
     values = np.concatenate([jerk, delay.by_speed[chosen]])
     stds = np.concatenate([jerk_std, delay.speed_std[chosen]])
     for value, gain in _common(values, stds):
+        # Nothing makes counts early by a part of a row.
+        if -1 < value < 0:
+            return ()
         # Torque that grows with the speed but not with the jerk is friction.
         if np.nansum((jerk**2 - (jerk - value) ** 2) / jerk_std**2) > 0:
             return ((value, gain),)

@@ -83,7 +83,8 @@ def viscous_evidence(experiment: Experiment, joints: Joints) -> Any:
     delay = experiment.once(delays)
     i = joints[0]
     stated = experiment.record.rig.drive.viscous[i]
-    if delay is None or not stated or not np.isfinite(delay.speed_std[i]):
+    # No friction is negative: the equation of motion lacks a torque that looks like it.
+    if delay is None or not stated or not delay.viscous[i] > 0:
         return ()
     size = friction_ratios("viscous")(experiment, joints)
     return ((size[0], (delay.by_speed[i] / delay.speed_std[i]) ** 2 / 2),) if size else ()

@@ -88,4 +88,5 @@ def _by_torque_of_law(experiment: Experiment, joints: Joints) -> Iterator[tuple[
             before, after = (unexplained(each)[chosen].max() for each in (stated, corrected))
             if before > SCORE.unlike and after < SCORE.like:
                 odds = max(odds, corrected.score - stated.score)
-        yield size, odds
+        # Occam: any other distance of that size would have been as likely.
+        yield size, odds - np.log(abs(size))
