@@ -73,7 +73,11 @@ class TorqueRegression:
         rms_speed = np.sqrt(np.mean(speed[signals.clear] ** 2))
         rows = np.flatnonzero(signals.clear & (np.abs(speed) > SETTINGS.slow * rms_speed))
         rows = rows[:: max(1, signals.window // SETTINGS.per_window)]
-        if len(rows) < 10 * SETTINGS.per_window or not np.ptp(torque[:, i]):
+        measured = signals.smooth(torque)[:, i]
+        if len(rows) < 10 * SETTINGS.per_window:
+            return None
+        # That of a motor at its limit is constant, beside rounding.
+        if np.ptp(measured[rows]) <= 1e-9 * np.abs(measured[rows]).max():
             return None
 
         # 2. Inertia, friction and gravity.
@@ -91,7 +95,6 @@ class TorqueRegression:
                 np.cos(angle),
             ]
         )
-        measured = signals.smooth(torque)[:, i]
 
         def fitted(*further_columns):
             table = np.column_stack([columns, *further_columns])

@@ -1,4 +1,4 @@
-"""Right logs of loops that lag far behind, or whose amplifiers are at their limits."""
+"""Right logs of loops that are soft, lag far behind, or have amplifiers at their limits."""
 
 import dataclasses
 
@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from random_rigs import drawn
 
-from plant import simulate
+from plant import PD, PID, P, puma560, simulate
 
 GAINS = ("gain", "derivative", "speed", "integral")
 
@@ -43,3 +43,44 @@ def hard_driven(seed, factor, limit, torque):
 )
 def test_a_right_log_of_a_hard_driven_loop_has_no_cause(seed, factor, limit, torque):
     assert [cause.name for cause in hard_driven(seed, factor, limit, torque).check().causes] == []
+
+
+ARM, RIG = puma560.arm(), puma560.rig()
+GAIN = puma560.p_law().gain
+
+
+@pytest.mark.parametrize(
+    "law",
+    [
+        pytest.param(P(gain=0.5 * GAIN), id="P of half the gain"),
+        pytest.param(P(gain=0.2 * GAIN), id="P of a fifth"),
+        pytest.param(
+            PID(
+                gain=0.2 * GAIN,
+                derivative=8e-4 * GAIN,
+                integral=GAIN,
+                filter=2000.0,
+                period=RIG.period,
+            ),
+            id="PID of a fifth",
+        ),
+    ],
+)
+def test_a_right_log_of_a_soft_loop_has_no_cause(law):
+    record = simulate(ARM, RIG, law, puma560.reference(), duration=1.5)
+    alone = dataclasses.replace(record, torque=None, current=None)
+    assert [cause.name for cause in alone.check().causes] == []
+
+
+@pytest.mark.parametrize("torque", [True, False])
+def test_a_motor_that_is_too_weak_for_its_load_accuses_nothing(torque):
+    drive = dataclasses.replace(RIG.drive, current_limit=0.35 * RIG.drive.current_limit)
+    law = PD(gain=GAIN, derivative=4e-3 * GAIN, filter=2000.0, period=RIG.period)
+    rig = dataclasses.replace(RIG, drive=drive)
+    record = simulate(ARM, rig, law, puma560.reference(), duration=1.5)
+    if torque:
+        (wrong,) = (finding for finding in record.check().problems if finding.verdict == "wrong")
+        assert (wrong.check, wrong.joint) == ("saturation", 0)
+    else:
+        record = dataclasses.replace(record, torque=None, current=None)
+    assert record.check().causes == ()
