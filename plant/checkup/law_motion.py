@@ -135,12 +135,12 @@ def contradicted_by_motion(stated: Experiment, changed: Experiment, joints: Join
         return False
     chosen = columns_of(joints)
     away = runs_away(stated)[chosen]
-    left, still_left = (unexplained(each)[chosen] for each in (before, after))
-    undriven = runs_away(changed)[chosen] | (still_left > SETTINGS.undriven)
+    stated_share, changed_share = (unexplained(each)[chosen] for each in (before, after))
+    undriven = runs_away(changed)[chosen] | (changed_share > SETTINGS.undriven)
     if (away & undriven).any():
         return True
-    drives = (left < SETTINGS.unmoved).all()
-    return bool(stated.has_memory and drives and (still_left > SETTINGS.unmoved).any())
+    drives = (stated_share < SETTINGS.unmoved).all()
+    return bool(stated.has_memory and drives and (changed_share > SETTINGS.unmoved).any())
 
 
 def no_limit_alone(experiment: Experiment, record: Any) -> bool:
