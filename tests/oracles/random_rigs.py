@@ -26,6 +26,7 @@ from plant import (
     P,
     Record,
     Rig,
+    simulate,
 )
 
 SUB = 24  # sub-steps of a millisecond: of second order, so a delay below 1/500 of a sample
@@ -40,6 +41,26 @@ class Case(NamedTuple):
     unknown: tuple[str, ...]
     truth: np.ndarray
     about: str
+
+
+GAINS = ("gain", "derivative", "speed", "integral")
+
+
+def driven(rig, law, arm, path, factor, limit, duration=2.0):
+    """The right log of a loop with larger gains and smaller limits, simulated by the library."""
+    gains = {name: factor * np.array(getattr(law, name)) for name in GAINS if hasattr(law, name)}
+    limits = limit * np.array(rig.drive.current_limit)
+    drive = dataclasses.replace(rig.drive, current_limit=limits)
+    rig = dataclasses.replace(rig, drive=drive)
+    return simulate(arm, rig, dataclasses.replace(law, **gains), path, duration=duration)
+
+
+def hard_driven(seed, factor, limit):
+    """The right log of a drawn machine, with larger gains and smaller limits."""
+    case = drawn(seed, torque=True)
+    record = case.record
+    arm = case.dynamics.arm(case.truth[: len(case.dynamics.names)])
+    return driven(record.rig, record.law, arm, record.reference, factor, limit)
 
 
 def drawn(seed, *, torque=None, period=None):

@@ -2,29 +2,10 @@
 
 import dataclasses
 
-import numpy as np
 import pytest
-from random_rigs import drawn
+from random_rigs import driven, hard_driven
 
 from plant import PD, PID, P, puma560, simulate
-
-GAINS = ("gain", "derivative", "speed", "integral")
-
-
-def hard_driven(seed, factor, limit, torque):
-    """A right log of a drawn machine, with larger gains and smaller limits."""
-    case = drawn(seed, torque=True)
-    rig, law = case.record.rig, case.record.law
-    gains = {name: factor * np.array(getattr(law, name)) for name in GAINS if hasattr(law, name)}
-    drive = dataclasses.replace(rig.drive, current_limit=limit * np.array(rig.drive.current_limit))
-    record = simulate(
-        case.dynamics.arm(case.truth[: len(case.dynamics.names)]),
-        dataclasses.replace(rig, drive=drive),
-        dataclasses.replace(law, **gains),
-        case.record.reference,
-        duration=2.0,
-    )
-    return record if torque else dataclasses.replace(record, torque=None, current=None)
 
 
 @pytest.mark.parametrize(
@@ -42,7 +23,10 @@ def hard_driven(seed, factor, limit, torque):
     ],
 )
 def test_a_right_log_of_a_hard_driven_loop_has_no_cause(seed, factor, limit, torque):
-    assert [cause.name for cause in hard_driven(seed, factor, limit, torque).check().causes] == []
+    record = hard_driven(seed, factor, limit)
+    if not torque:
+        record = dataclasses.replace(record, torque=None, current=None)
+    assert [cause.name for cause in record.check().causes] == []
 
 
 ARM, RIG = puma560.arm(), puma560.rig()
@@ -74,10 +58,8 @@ def test_a_right_log_of_a_soft_loop_has_no_cause(law):
 
 @pytest.mark.parametrize("torque", [True, False])
 def test_a_motor_that_is_too_weak_for_its_load_accuses_nothing(torque):
-    drive = dataclasses.replace(RIG.drive, current_limit=0.35 * RIG.drive.current_limit)
     law = PD(gain=GAIN, derivative=4e-3 * GAIN, filter=2000.0, period=RIG.period)
-    rig = dataclasses.replace(RIG, drive=drive)
-    record = simulate(ARM, rig, law, puma560.reference(), duration=1.5)
+    record = driven(RIG, law, ARM, puma560.reference(), 1, 0.35, duration=1.5)
     if torque:
         (wrong,) = (finding for finding in record.check().problems if finding.verdict == "wrong")
         assert (wrong.check, wrong.joint) == ("saturation", 0)
